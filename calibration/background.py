@@ -28,7 +28,7 @@ class Background:
 
 def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
     """From the bins before `end_bins` (N,), where no light of the present pulse can be but what a lens, a beam splitter
-    or a pane threw back: bins that hold more than even light does are left out (`quiet_before`).
+    or a pane threw back: bins that hold more than even light does are excluded (`quiet_before`).
 
     Each point's own mean, drawn towards the mean over all points as far as its counts do not tell them apart (gamma
     prior by moments). Points with fewer than 8 such bins get all points' mean; without any, the background is 0 and

@@ -58,7 +58,7 @@ def _runs(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _whole_stretches(first: int, end: int) -> npt.NDArray[np.intp]:
-    """(S, STRETCH) bins, the first and the last of a run left out: a gate may open within a bin."""
+    """(S, STRETCH) bins, the first and the last of a run excluded: a gate may open within a bin."""
     count = max(end - first - 2, 0) // STRETCH
     return first + 1 + np.arange(count * STRETCH).reshape(count, STRETCH)
 

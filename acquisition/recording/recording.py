@@ -65,7 +65,7 @@ class Recording:
         """Rows before this one were acknowledged when they were read, and do not change any more."""
         self._unpromised = 0
         """Rows from this one on were never acknowledged."""
-        self._aside_told = 0
+        self._aside_told = (0, False)
         """Samples left aside when the log last said so."""
         self.refresh()
 
@@ -217,11 +217,10 @@ class Recording:
         return Condition.of(self._states, self._records["flags"])
 
     def left_aside(self) -> int:
-        """How many samples are damaged or unreadable, so that nothing uses them; the log says so, once, as it says
-        that some are full."""
+        """How many samples are damaged or unreadable, so unused. The log says so once, and that some are full."""
         found = self.condition()
-        if (told := found.left_aside + bool(found.full)) > self._aside_told:
-            self._aside_told = told
+        if (aside := (found.left_aside, bool(found.full))) > self._aside_told:
+            self._aside_told = aside
             log.warning("%s: %s. `nlos verify` says more.", self.path, found.warning)
         return found.left_aside
 

@@ -39,7 +39,7 @@ simulation:
 A fault strikes at the first occasion after `after_s` of bench time and after `skip` earlier occasions, `times` times.
 Every error closes the shutter before anything else, but for the one that takes the shutter's own line away (G8 with a
 TTL shutter, U11): then the command says that the shutter is NOT CONFIRMED CLOSED. A scan ends with 9 where a deadline
-passed, 5 for `SafetyTrip` and `SyncLost`, 4 for `LimitError`, 3 for every other error of an instrument
+passed, 5 for `SafetyTrip` and `SyncLost`, 3 for every other error of an instrument
 ([exit codes](exit-codes.md)). "Acknowledged" is what has been flushed to the recording; a scan
 that was ended by a fault is resumed by `nlos scan SCAN -o RUN.h5 --resume`, and then holds the same counts as one that
 was never disturbed.

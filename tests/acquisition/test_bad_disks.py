@@ -251,8 +251,7 @@ def test_a_mirror_killed_at_any_write_keeps_what_it_had_and_goes_on(nlos: Run, s
 
 
 @pytest.mark.soak
-@pytest.mark.skipif(not SOAK, reason="a minute: make soak")
-@pytest.mark.parametrize("call", range(4, 110, 8))
+@pytest.mark.parametrize("call", range(4, 110, 8) if SOAK else [88])
 def test_who_follows_a_mirror_that_is_killed_is_told_and_may_follow_again(nlos: Run, served: Path, call: int) -> None:
     follow = ("reconstruct", "run.ticket", "--follow", "-o", "far", "--overwrite")
     code = nlos(served, f"/far/run.h5|kill|0|{call}|{call}", *follow)

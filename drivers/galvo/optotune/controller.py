@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Self
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError, ProtocolError, WrongDevice
+from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, ProtocolError, WrongDevice
 from nlos.drivers.galvo.optotune import wire
 from nlos.drivers.galvo.optotune.wire import Status
 from nlos.drivers.identity import DeviceIdentity
@@ -61,15 +61,15 @@ class Controller:
             raise ProtocolError(DEVICE, f"it identified itself as {self.model}, then as {model!r}.", REOPEN)
         return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
 
-    def set_position(self, x: float, y: float) -> None:
-        """Sends coordinates on the unit disc. Raises `LimitError` where the controller trimmed them: the mirror then
-        went somewhere else."""
+    def set_position(self, x: float, y: float) -> bool:
+        """Sends coordinates on the unit disc. False where the controller trimmed them: the mirror then went somewhere
+        else."""
         command = wire.set_position(x, y)
         match self._line.exchange(command):
             case b"OK":
-                return
+                return True
             case b"OL" | b"OU":
-                raise LimitError(DEVICE, f"{command!r} was trimmed, the mirror points elsewhere.", REOPEN)
+                return False
             case b"NO" | b"ERROR" as reply:
                 raise CommandRejected(DEVICE, f"{command!r} was refused: {reply.decode()}.", REOPEN)
             case reply:

@@ -98,11 +98,12 @@ class Optotune:
         x, y = self._coordinates(angles)
         self._place.check_known()
         with self._place.motion():
-            try:
-                self._controller.set_position(x, y)
-            except LimitError as trimmed:
-                raise LimitError(DEVICE, f"{trimmed.what} {self._where()}", trimmed.remedy) from trimmed
+            self._send(x, y)
             self._target = angles
+
+    def _send(self, x: float, y: float) -> None:
+        if not self._controller.set_position(x, y):
+            raise CommandRejected(DEVICE, f"a place was trimmed, the mirror points elsewhere. {self._where()}", REOPEN)
 
     def wait_settled(self) -> None:
         """Polls the status until it says stable twice in a row, `stable_ms` apart, then compares positions where
@@ -189,7 +190,7 @@ class Optotune:
         with self._place.motion():
             if self._place.lost_by is not None:
                 self._controller.recover()
-            self._controller.set_position(0.0, 0.0)
+            self._send(0.0, 0.0)
             self._target = MirrorAngles(0.0, 0.0)
             self._wait_stable()
 

@@ -5,7 +5,7 @@ from nlos.drivers.simulated.fault_row import ALL, SAME, FaultRow
 # fmt: off
 FAULTS: tuple[FaultRow, ...] = (
     FaultRow("B1", "`NO`, `OL`, `OU` or `ERROR` in reply to a position",
-             "`CommandRejected`, or `LimitError` where it was clamped",
+             "`CommandRejected`; where it was clamped, with where the mirror is",
              ALL, "`reply`: `NO`, `OL`, `OU`, `ERROR`"),
     FaultRow("B2", "the mirror never becomes stable",
              "`SettleTimeout` with STATUS and board faults; it is not moved again",

@@ -310,10 +310,18 @@ def test_a_late_reply_to_a_move_never_answers_the_status_query(lab: Lab) -> None
 @pytest.mark.parametrize("reply", ["OL", "OU"])
 def test_a_trimmed_position_is_an_error_that_says_where_the_mirror_is(lab: Lab, reply: str) -> None:
     _, mirror = lab(later("B1", reply=reply))
-    with pytest.raises(LimitError, match=r"trimmed, the mirror points elsewhere. It is at x = \+2.8[67] deg"):
+    with pytest.raises(CommandRejected, match=r"trimmed, the mirror points elsewhere. It is at x = \+2.8[67] deg"):
         mirror.begin_move(ASIDE)
     with pytest.raises(DeviceFault, match="not known any more"):
         mirror.begin_move(ASIDE)
+
+
+def test_a_centre_that_was_trimmed_is_an_error_too_and_stays_one_until_it_is_acknowledged(lab: Lab) -> None:
+    bench, mirror = lab()
+    mirror.move_to(ASIDE)
+    bench.faults.add(Fault(name="B1", parameters={"reply": "OL"}))
+    with pytest.raises(DeviceFault, match="input trimmed"):
+        mirror.park()
 
 
 def test_a_mirror_that_never_settles_is_frozen_where_it_is(lab: Lab) -> None:

@@ -22,7 +22,6 @@ from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import describe_weights, summary
 from nlos.recon.weights.files import WeightsError, load_weights, put_weights, read_weights, save
-from tests.sampled import SOAK
 
 TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0}
 SCRIPT = """
@@ -124,8 +123,6 @@ def pair(folder: Path, chosen: TrainSettings) -> list[subprocess.Popen[bytes]]:
     return [process(folder, chosen, RANK=str(rank), LOCAL_RANK=str(rank), **shared) for rank in (0, 1)]
 
 
-@pytest.mark.soak
-@pytest.mark.skipif(not SOAK, reason="half a minute: make soak")
 def test_two_processes_follow_the_loss_of_one_also_when_they_are_killed_and_resume(tmp_path: Path, cache: Path) -> None:
     chosen = settings(cache, precision="float32", samples=60, checkpoint_minutes=0.02)
     victims = pair(tmp_path / "two", chosen)
