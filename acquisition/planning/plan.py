@@ -173,10 +173,13 @@ class ScanPlan:
         of = self.pass_ == frame
         return set(zip(self.positions.x_m[of].tolist(), self.positions.y_m[of].tolist(), strict=True))
 
-    def pending(self, photons: Mapping[int, int]) -> list[int]:
+    def pending(self, photons: Mapping[int, int], first_pass_cut: bool = False) -> list[int]:
         """The numbers still to take, in order; `photons` is what was taken: point number -> counts in its histogram.
-        Of the passes only the first that is not finished is listed where later ones depend on it; of candidates those
-        that come if nobody says otherwise."""
+        Of the passes only the first that is not finished is listed where later ones depend on it, with
+        `first_pass_cut` the second, of what the first came to; of candidates those that come if nobody says otherwise.
+        """
+        if first_pass_cut and self.revisit_below is not None:
+            photons = {**dict.fromkeys(range(self.first_pass), self.revisit_below), **photons}
         open_ = [number for number in range(len(self)) if number not in photons]
         if self.budget is not None:
             return open_[: self.budget.first(self.budget.costs_us(self.dwell_s[open_]), self.left_us(photons))]

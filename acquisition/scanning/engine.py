@@ -44,6 +44,7 @@ def scan(
     control: ScanControl | None = None,
     alarms: Alarms | None = None,
     decide: Callable[[], bool] | None = None,
+    decided: Sequence[int] = (),
     elapsed_s: float = 0.0,
     lag: Lag | None = None,
     adviser: Adviser | None = None,
@@ -52,15 +53,16 @@ def scan(
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
     `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone or end. `decide` is asked
-    after every sample whether the scan may end early; where a first pass is followed by a second, the first yes ends
-    the first. `adviser` says which candidates of a plan with a budget come next. Continuous lines are swept by `lag`,
-    or by what is measured before them. Raises `DeviceError` with the shutter closed.
+    after every sample, and once before the light of a scan that is resumed, whether the scan may end early; where a
+    first pass is followed by a second, the first yes ends the first. `decided`: after how many of the samples in
+    `taken` it had said yes. `adviser` says which candidates of a plan with a budget come next. Continuous lines are
+    swept by `lag`, or by what is measured before them. Raises `DeviceError` with the shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
     choice = choose(plan, bench, angles, lag=lag)
     if scheme is not None and scheme is not choice.scheme:
         choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles, lag=lag))
-    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide, adviser)
+    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide, adviser, decided)
     return _Run(plan, bench, angles, dict(taken or {}), under_way, lag).samples(choice)
 
 
@@ -90,6 +92,7 @@ class _Run:
         self._plan, self._bench, self._angles = plan, bench, angles
         self._under_way, self._control, self._alarms = under_way, under_way.control, under_way.alarms
         self._lag = lag
+        self._before = tuple(photons)
         self._left = LeftToTake(plan, bench, photons, under_way.adviser)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
         self._alarm: Trouble | None = None
@@ -106,6 +109,8 @@ class _Run:
         )
         control.enter(ScanState.RUNNING)
         try:
+            if self._decided_before_light():
+                return
             undeterred(self._look_around)
             undeterred(partial(bench.counter.configure, self._plan.axis, self._plan.stop))
             if choice.scheme is not Scheme.STEPPED:
@@ -188,6 +193,18 @@ class _Run:
             if self._under_way.decide is not None and self._under_way.decide():
                 self._end_early(sample.point)
                 return
+
+    def _decided_before_light(self) -> bool:
+        """Whether the scan is over. What was decided after samples of an earlier recording stands; what was still to be
+        decided then is now."""
+        under_way, before = self._under_way, self._before
+        for count in under_way.decided:
+            if self._control.state is ScanState.RUNNING:
+                self._end_early(self._plan[before[count - 1]])
+        undecided = before and len(before) not in under_way.decided and self._control.state is ScanState.RUNNING
+        if undecided and under_way.decide is not None and under_way.decide():
+            self._end_early(self._plan[before[-1]])
+        return self._control.state is not ScanState.RUNNING
 
     def _end_early(self, point: ScanPoint) -> None:
         """Ends the first pass where another follows, else the scan."""

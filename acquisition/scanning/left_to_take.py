@@ -90,11 +90,7 @@ class LeftToTake:
                 self._done += 1
             open_ = (number for number in range(self._done, len(self._plan)) if number not in photons)
             return list(islice(open_, most))
-        if self.first_pass_cut and self._plan.revisit_below is not None:
-            # Points that the first pass did not come to are no business of the second.
-            left_out = range(self._plan.first_pass)
-            photons = {**dict.fromkeys(left_out, self._plan.revisit_below), **photons}
-        todo = self._plan.pending(photons)
+        todo = self._plan.pending(photons, self.first_pass_cut)
         if self._skipped:
             todo.sort(key=lambda number: self._skipped.get(number, 0))
         return todo[:most]

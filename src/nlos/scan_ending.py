@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from pathlib import Path
 from types import TracebackType
 
 from nlos.acquisition.errors import StorageError
@@ -37,6 +38,10 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     @property
     def complete(self) -> bool:
         return self._control.state is ScanState.COMPLETE or (self.film is not None and self.film.whole)
+
+    @property
+    def path(self) -> Path:
+        return self._writer.path
 
     @property
     def safe(self) -> str:

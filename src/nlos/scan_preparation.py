@@ -1,7 +1,7 @@
 """A scan before its light: everything checked, aimed and described, for the command line and from Python alike."""
 
 import json
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -75,13 +75,14 @@ class PreparedScan:
         control: ScanControl,
         decide: Callable[[], bool] | None = None,
         adviser: Adviser | None = None,
+        decided: Sequence[int] = (),
     ) -> Generator[Sample, None, None]:
         """What is still missing, as it is taken."""
         if begun.taken:
             self.bench.scene_goes_on(begun.elapsed_s - begun.lit_s)
         return scan(
             self.request.plan, self.bench, aim=self.aim, taken=begun.taken, control=control, alarms=self.alarms,
-            decide=decide, elapsed_s=begun.elapsed_s, lag=self.lag, adviser=adviser,
+            decide=decide, decided=decided, elapsed_s=begun.elapsed_s, lag=self.lag, adviser=adviser,
         )  # fmt: skip
 
 

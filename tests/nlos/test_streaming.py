@@ -17,7 +17,8 @@ from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
 from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
-from nlos.live.good_enough import LEVELS, STABLE, SURE, Enough, Goal, parse_until
+from nlos.live.goal import LEVELS, STABLE, SURE, Goal, parse_until
+from nlos.live.good_enough import Enough
 from nlos.live.pace import Pace
 from nlos.live.process import state_file, write_state
 from nlos.live.scan import LiveScan

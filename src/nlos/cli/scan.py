@@ -18,7 +18,8 @@ from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
-from nlos.live.good_enough import SURE, check_sure, parse_until
+from nlos.live.goal import SURE, parse_until
+from nlos.live.good_enough import check_sure
 from nlos.live.process import check_pages, methods_for
 from nlos.recon.methods import find
 from nlos.response import response_wanted

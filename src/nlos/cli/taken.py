@@ -2,7 +2,9 @@
 
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.terminal import terminal
 from nlos.scan_ending import ScanEnding
@@ -29,7 +31,9 @@ class Taken:
         try:
             shown.close()
             _tell_taken(self)
-            if self.seen:
+            if self.status == AS_ASKED and self.points == self.before:
+                say_nothing_left(self.ending.path, self.seen)
+            elif self.seen:
                 terminal.result(
                     f"the picture at the last look: {self.seen}", until={"reached": self.reached, "said": self.seen}
                 )
@@ -38,6 +42,15 @@ class Taken:
             raise
         if self.status == "interrupted":
             raise Stopped(ExitCode.INTERRUPTED, f"ended at the terminal. {self.ending.safe}")
+
+
+def say_nothing_left(run: Path, seen: str) -> None:
+    """Of a scan that is resumed although its picture was good enough: how it goes on all the same."""
+    terminal.result(
+        f"{run}: had ended as asked, nothing was left to take: {seen}. A lower level goes on, and so does leaving "
+        "--until out.",
+        recording=str(run), taken=0, status=AS_ASKED, until={"reached": True, "said": seen},
+    )  # fmt: skip
 
 
 def say_ended(request: ScanRequest, ending: ScanEnding) -> None:

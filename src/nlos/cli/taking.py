@@ -20,15 +20,17 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts, end_in_order_at_sigterm
 from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
-from nlos.cli.taken import Taken, say_ended
+from nlos.cli.taken import Taken, say_ended, say_nothing_left
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
 from nlos.drivers.bench import Bench, BenchSettings
 from nlos.drivers.errors import SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
-from nlos.live.good_enough import Enough, Goal
+from nlos.live.goal import Goal
+from nlos.live.good_enough import Enough
 from nlos.live.looks import Looks, catch_up
+from nlos.live.looks_before import ended_before
 from nlos.live.process import methods_for, pages_can_be, start_live
 from nlos.live.so_far import new_scan
 from nlos.live.where_next import WhereNext
@@ -42,6 +44,7 @@ from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.recording.writer import RecordingWriter
     from nlos.loaded import LoadedScan
 
@@ -81,8 +84,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     recording_target(target)
     refuse_own_input(target, [options.scene], "the recorded scan whose light is replayed")
     refuse_own_input(target, [options.constants], "the file of the constants")
-    if resume and settle(target, plan):  # no device is even opened
-        terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
+    if resume and _nothing_is_left(target, plan, options):  # no device is even opened
         if options.method is not None and not target.with_suffix("").exists():
             _reconstruct(target, _recipe(options.method, options), overwrite)
         return
@@ -111,6 +113,19 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
             taken.tell(shown)
     if options.method is not None:
         _reconstruct(target, _recipe(options.method, options), overwrite)
+
+
+def _nothing_is_left(target: Path, plan: "ScanPlan", options: ScanOptions) -> bool:
+    """Whether the recording holds all that is asked for, which is said then."""
+    if settle(target, plan):
+        terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
+        return True
+    if options.until is None:
+        return False
+    seen = ended_before(target, plan, options.until, methods_for(options.method)[-1])
+    if seen is not None:
+        say_nothing_left(target, seen.said)
+    return seen is not None
 
 
 @dataclass(frozen=True)
@@ -211,7 +226,7 @@ def _acquire(
             watching.show(prepared)
             start_s = bench.clock.now() - begun.elapsed_s
             progress.show()
-            samples = prepared.samples(begun, control, enough, adviser)
+            samples = prepared.samples(begun, control, enough, adviser, () if enough is None else enough.decided)
             bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
             with closing(samples):
                 for sample in samples:

@@ -8,13 +8,15 @@ run; on a real one the live process makes the pictures, and only its figures are
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.recording.recording import Recording
 from nlos.cli.exit_codes import UsageError
-from nlos.live.looks import Looks, catch_up
+from nlos.live.goal import Figures, Goal
+from nlos.live.looks import Looks
+from nlos.live.looks_before import KIND, ending, look_text, looks_before
 from nlos.live.process import read_state, state_file
 from nlos.recipe import Recipe
 from nlos.recon.live import GROWTH
@@ -25,33 +27,10 @@ if TYPE_CHECKING:
     from nlos.loaded import LoadedScan
 
 METHOD = "nano"
-SURE, STABLE = "sure", "stable"
-LEVELS = {SURE: 0.35, STABLE: 0.05}
 FIRST_FRACTION = 0.05
 AGAIN_S = 0.5
 
-
-@dataclass(frozen=True)
-class Goal:
-    """When a picture is good enough: `sure`, its relative error is below `level` in nine cases of ten; `stable`, change
-    and photon noise are."""
-
-    word: str
-    level: float
-
-    def verdict(self, figures: Mapping[str, float | None]) -> tuple[bool, str]:
-        """Whether `change`, `error` (photon noise) and `bound` of a picture reach it, and these in words."""
-        if self.word == SURE:
-            bound = figures["bound"]
-            said = "no method here says how far it is off" if bound is None else f"error below {bound:.4f}"
-            return bound is not None and bound <= self.level, said
-        change, error = figures["change"], figures["error"]
-        assert change is not None
-        assert error is not None
-        return max(change, error) <= self.level, f"change {change:.4f}, photon noise {error:.4f}"
-
-
-_Figures = tuple[int, dict[str, float | None]]
+_Seen = tuple[int, Figures]
 """Samples, and what `Goal.verdict` asks for."""
 
 
@@ -74,6 +53,10 @@ class Enough:
         """Whether the scan, or the first of its passes, ended for being good enough."""
         self.said = ""
         """What was found at the last look."""
+        self.decided: list[int] = []
+        """Of a scan that is resumed: after how many of its samples the picture was good enough."""
+        self._method = recipe.method
+        self._bound = math.inf
         self._goal, self._report = goal, report
         self._state = None if watched is None else state_file(watched)
         self._looks = Looks(plan, nothing_yet, recipe, report)
@@ -82,8 +65,24 @@ class Enough:
         self._seen = 0
 
     def catch_up(self, run: Path) -> None:
-        """Takes in what a recording that is resumed holds, before it is opened for writing."""
-        catch_up(self.add, run)
+        """Takes in what a recording that is resumed holds, before it is opened for writing: its samples, and what was
+        decided after them. The newest picture is made again, for the next one is compared with it."""
+        with Recording.open(run) as recording:
+            looks = looks_before(recording, self._goal, self._method)
+            last = looks[-1] if looks else None
+            over = ending(recording, looks) is not None
+            for number, sample in enumerate(recording.samples(), 1):
+                self.add(sample)
+                if last is not None and number == last.samples and self._state is None and not over:
+                    self._looks.picture(KIND)
+            held = len(recording.intact_records())
+        self.decided = [look.samples for look in looks if look.enough]
+        self.reached = bool(self.decided)
+        if last is not None:
+            self.said, self._seen = last.said, last.samples
+            self._bound = last.bound or math.inf
+        while self._next < held if last is None else self._next <= last.samples:
+            self._next = math.ceil(self._growth * self._next)
 
     def add(self, sample: "Sample") -> None:
         """One more sample, once it is on its way to the disk."""
@@ -99,20 +98,19 @@ class Enough:
         enough, said = self._goal.verdict(found)
         self.reached |= enough
         self.said = f"{said}, level {self._goal.level:g}"
-        verdict = "is good enough" if enough else "is not good enough yet"
-        self._report("until", f"the picture of {samples} points {verdict}: {self.said}")
+        self._report(KIND, look_text(samples, self._method, enough, self.said))
         return enough
 
-    def _computed(self) -> _Figures | None:
+    def _computed(self) -> _Seen | None:
         if len(self._looks) < self._next:
             return None
         self._next = math.ceil(self._growth * self._next)
-        picture = self._looks.picture("until")
+        picture = self._looks.picture(KIND)
         if picture is None:
             return None
-        return picture.samples, {"change": picture.change, "error": picture.error, "bound": picture.bound}
+        return picture.samples, self._figures(picture.change, picture.error, picture.bound)
 
-    def _polled(self) -> _Figures | None:
+    def _polled(self) -> _Seen | None:
         assert self._state is not None
         if time.monotonic() - self._looked_s < AGAIN_S:
             return None
@@ -125,23 +123,11 @@ class Enough:
         if not all(isinstance(value, float) for value in figures.values()):
             return None
         self._seen = samples
-        return samples, {**figures, "bound": bound if isinstance(bound, float) else None}
+        return samples, self._figures(figures["change"], figures["error"], bound if isinstance(bound, float) else None)
 
-
-def parse_until(word: str) -> Goal:
-    """The goal `sure`, `stable`, or either with `:LEVEL`. Raises `UsageError`."""
-    kind, colon, text = word.partition(":")
-    if kind in LEVELS and not colon:
-        return Goal(kind, LEVELS[kind])
-    try:
-        level = float(text)
-    except ValueError:
-        level = math.nan
-    if kind not in LEVELS or not 0 < level < 1:
-        raise UsageError(
-            f"--until {word}: `sure` or `stable`, either with a level between 0 and 1, e.g. sure:0.2 or stable:0.1"
-        )
-    return Goal(kind, level)
+    def _figures(self, change: float | None, error: float | None, bound: float | None) -> Figures:
+        """The bound is the least so far, of what a recording that is resumed had, too."""
+        return {"change": change, "error": error, "bound": None if bound is None else min(bound, self._bound)}
 
 
 def check_sure(method: str, weights: object) -> None:

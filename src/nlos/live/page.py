@@ -11,7 +11,7 @@ from typing import Any
 
 from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
-from nlos.live.good_enough import LEVELS, STABLE, SURE
+from nlos.live.goal import LEVELS, STABLE, SURE
 from nlos.live.scan import LiveScan
 from nlos.live.web import Answer, Refused, Request
 from nlos.recon.seen import DOUBTFUL, FAINT, FULL, SOLID
