@@ -22,6 +22,8 @@ BY_HAND = "Ctrl-C in the terminal"
 _BY_HAND = {"SIGINT": BY_HAND, "SIGTSTP": "Ctrl-Z in the terminal"}
 _PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasattr(signal, name))
 """Ctrl-Z would stop the program where it is, with the light on."""
+_STOPS, _STOP = (getattr(signal, name, None) for name in ("SIGTSTP", "SIGSTOP"))
+"""Where somebody is asked whether a scan goes on, it is off: there Ctrl-Z stops the program as it does any other."""
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 _BY_SIGNAL = 128
@@ -107,7 +109,7 @@ class Interrupts:
         self.seen = False
         self._control: ScanControl | None = None
         self._asking = False
-        self._light, self._at_terminal = "", True
+        self._light, self._question, self._at_terminal = "", "", True
 
     @contextmanager
     def caught(self) -> Iterator["Interrupts"]:
@@ -127,13 +129,15 @@ class Interrupts:
         self._light = "the shutter is closed" if shuttered else "the laser is as it was, this bench has no shutter"
 
     def ask(self, why: str) -> bool:
-        """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False."""
+        """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False. A program that was
+        stopped meanwhile asks again."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
         how = f"by {why}" if why in _BY_HAND.values() else f"({why})"
-        terminal.log(f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
+        self._question = f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan."
         self._asking = True
         try:
+            terminal.log(self._question, -9)
             while _typed():
                 terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
         except (KeyboardInterrupt, EOFError):
@@ -144,6 +148,10 @@ class Interrupts:
         return True
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if self._asking and number == _STOPS and _STOP is not None:
+            os.kill(os.getpid(), _STOP)
+            terminal.log(self._question, -9)
+            return
         again, self.seen = self.seen, True
         if self._asking or self._control is None or again:
             interrupt(frame)

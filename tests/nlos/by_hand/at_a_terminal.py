@@ -11,7 +11,7 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -83,11 +83,14 @@ def _take_terminal() -> None:
 
 
 @contextmanager
-def at_a_terminal(folder: Path, *words: str, environment: Mapping[str, str] | None = None) -> Iterator[AtATerminal]:
-    """`nlos WORDS` in `folder`; killed when the block is left, if it still runs."""
+def at_a_terminal(
+    folder: Path, *words: str, environment: Mapping[str, str] | None = None,
+    program: Sequence[str] = (sys.executable, "-m", "nlos"),
+) -> Iterator[AtATerminal]:  # fmt: skip
+    """`nlos WORDS` in `folder`, or another program; killed when the block is left, if it still runs."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "nlos", *words], cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs,
+        [*program, *words], cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs,
         start_new_session=True, preexec_fn=_take_terminal,
         env={**os.environ, "COLUMNS": "100", "LINES": "34", **(environment or {})},
     )  # fmt: skip

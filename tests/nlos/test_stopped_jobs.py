@@ -1,0 +1,49 @@
+"""Ctrl-Z as a shell with job control sees it: light goes off first, then the program stops, and `fg` goes on."""
+
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.acquisition.witnessed_bench import bench_file, witnessed
+from tests.nlos.by_hand.at_a_terminal import AtATerminal, at_a_terminal
+from tests.nlos.test_every_signal import SCAN, shutter
+
+pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the shell whose job it is")
+SHELL = ("bash", "--norc", "--noprofile", "-i")
+PAUSED = "Enter resumes, Ctrl-C ends the scan."
+
+
+@contextmanager
+def shell(folder: Path) -> Iterator[AtATerminal]:
+    """An interactive one, which is the terminal's."""
+    with at_a_terminal(folder, program=SHELL) as found:
+        yield found
+        found.press("exit\r", "exit\r")  # the first is refused where a job is stopped
+
+
+def test_ctrl_z_at_a_pause_stops_the_scan_and_fg_asks_again(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN)
+    bench = bench_file(tmp_path, "S1, TTL shutter")
+    with shell(tmp_path) as child:
+        child.press(f"{sys.executable} -m nlos scan small.yaml --bench {bench} -o run.h5 || echo ended-by-$?\r")
+        child.wait_until(lambda: "shutter open" in witnessed(tmp_path), "light")
+        child.press("\x1a")
+        child.wait_until(lambda: child.said.count(PAUSED) == 1, "the question")
+        for times in (1, 2):
+            child.press("\x1a")
+            child.wait_until(lambda times=times: child.said.count("Stopped") == times, "a stopped job")
+            assert shutter(tmp_path)[-1] == "shutter closed"
+            child.press("fg\r")
+            child.wait_until(lambda times=times: child.said.count(PAUSED) == 1 + times, "the question again")
+        lit = shutter(tmp_path).count("shutter open")
+        child.press("\r")
+        child.wait_until(lambda: shutter(tmp_path).count("shutter open") > lit, "light again")
+        child.press("\x03")
+        child.wait_until(lambda: child.said.count(PAUSED) == 4, "the question after Ctrl-C")
+        child.press("\x03")
+        child.wait_for("run.h5; `--resume` takes the others.")
+    assert shutter(tmp_path)[-1] == "shutter closed"
