@@ -28,7 +28,6 @@ NAMES = {
 ELSEWHERE = {
     "drivers/link/port_lock.py": "_is_pseudo_terminal: asked only where there is a lock to take",
     "drivers/simulated/serial/pty.py": "a pseudo-terminal for other programs; Windows has none",
-    "src/nlos/by_hand/keys.py": "keys_of_terminal: after `termios is None`",
     "src/nlos/by_hand/light.py": "_set_timer: only where `timed` found a timer",
     "src/nlos/live/process.py": "page_process: its callers ask `check_pages` first",
 }

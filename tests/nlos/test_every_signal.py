@@ -109,8 +109,8 @@ def test_ctrl_z_pauses_a_scan_in_the_dark_and_ctrl_c_ends_it(tmp_path: Path) -> 
     assert shutter(tmp_path)[-1] == "shutter closed"
 
 
-def test_ctrl_z_at_a_beam_whose_words_go_into_a_file_ends_it_in_the_dark(tmp_path: Path) -> None:
-    """Without a screen there are no keys, so nobody switched Ctrl-Z off."""
+def test_ctrl_z_at_a_beam_whose_words_go_into_a_file_stops_it_in_the_dark(tmp_path: Path) -> None:
+    """Without a terminal, too; with one: `test_stopped_jobs.py`."""
     path = bench_by_hand(tmp_path, TTL)
     child = subprocess.Popen(
         [sys.executable, "-m", "nlos", "point", "0.1", "0.0", "--light", "5", "--bench", str(path)], cwd=tmp_path,
@@ -121,7 +121,12 @@ def test_ctrl_z_at_a_beam_whose_words_go_into_a_file_ends_it_in_the_dark(tmp_pat
         time.sleep(0.01)
     try:
         child.send_signal(signal.SIGTSTP)
-        assert ended(child) == 128 + signal.SIGTSTP
+        _, status = os.waitpid(child.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status)
+        assert account(tmp_path).ends_dark
+        child.send_signal(signal.SIGTERM)
+        child.send_signal(signal.SIGCONT)
+        assert ended(child) == 143
     finally:
         if child.returncode is None:
             child.send_signal(signal.SIGCONT)

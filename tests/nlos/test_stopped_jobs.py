@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,9 @@ import pytest
 
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 from tests.nlos.by_hand.at_a_terminal import AtATerminal, at_a_terminal
-from tests.nlos.test_every_signal import SCAN, shutter
+from tests.nlos.by_hand.witness import account
+from tests.nlos.by_hand.witness import bench_file as bench_by_hand
+from tests.nlos.test_every_signal import SCAN, TTL, shutter
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the shell whose job it is")
 SHELL = ("bash", "--norc", "--noprofile", "-i")
@@ -47,3 +50,30 @@ def test_ctrl_z_at_a_pause_stops_the_scan_and_fg_asks_again(tmp_path: Path) -> N
         child.press("\x03")
         child.wait_for("run.h5; `--resume` takes the others.")
     assert shutter(tmp_path)[-1] == "shutter closed"
+
+
+@pytest.mark.parametrize("words", ["point 0.1 0.0 --hold 60", "monitor", "jog"])
+def test_ctrl_z_shuts_light_by_hand_before_it_stops_and_fg_goes_on_in_the_dark(tmp_path: Path, words: str) -> None:
+    """`jog` and `monitor` leave the terminal's second screen meanwhile, and draw on it again; keys are keys again."""
+    bench = bench_by_hand(tmp_path, TTL)
+    with shell(tmp_path) as child:
+        child.press(f"{sys.executable} -m nlos {words} --light 20 --bench {bench}\r")
+        child.wait_until(lambda: account(tmp_path).lit, "light")
+        child.press("\x1a")
+        child.wait_for("Stopped")
+        assert account(tmp_path).ends_dark
+        child.press("echo $((6 * 7)) words\r")  # the terminal is the shell's, and echoes
+        child.wait_for("42 words")
+        screens = len(child.frames)
+        child.press("fg; echo went-$?\r")
+        if not words.startswith("point"):
+            child.wait_until(lambda: len(child.frames) > screens + 2, "the screen again")
+        until_s = time.monotonic() + 60
+        while "went-0" not in child.said and time.monotonic() < until_s:
+            child.press("q")  # what comes while the terminal changes hands is dropped
+            time.sleep(0.1)
+        child.press("\x15")  # the shell's, where one came too many
+        assert "went-0" in child.said
+    assert len(account(tmp_path).lit) == 1
+    assert account(tmp_path).ends_dark
+    assert account(tmp_path).lit_s < 10

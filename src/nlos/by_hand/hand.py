@@ -9,6 +9,7 @@ from nlos.acquisition.planning.aim import Aiming
 from nlos.by_hand.keys import Keys
 from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.reach import Reach
+from nlos.by_hand.stops import Stops
 from nlos.by_hand.watching import DWELL_S, Reading, Watch
 from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -34,8 +35,8 @@ def refused_light(there_is_a_shutter: bool, why: str, remedy: str) -> LimitError
 class Hand:
     """One bench, as far as it is there. `update` takes one gate, or waits as long where there is no counter."""
 
-    def __init__(self, bench: PartialBench, aim: Aiming, keys: Keys) -> None:
-        self.bench, self.keys = bench, keys
+    def __init__(self, bench: PartialBench, aim: Aiming, keys: Keys, stops: Stops) -> None:
+        self.bench, self.keys, self.stops = bench, keys, stops
         self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment)
         self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
         self.angles = MirrorAngles(0.0, 0.0)
@@ -74,6 +75,9 @@ class Hand:
     def update(self) -> None:
         """One gate, and the direct peak in the last second's. Raises `DeviceError` with the light as it is."""
         self._meanwhile()
+        if self.stops.wanted:
+            self.stops.stop()
+            self._meanwhile()
         if self.watch is None:
             until_s = self.bench.clock.now() + DWELL_S
             while self.bench.clock.now() < until_s:
@@ -145,6 +149,9 @@ class Hand:
         """Every 10 ms, whatever is waited for."""
         if self.bench.mirror is not None:
             self.bench.mirror.look()
+        if self.stops.wanted:
+            self.light.end("Ctrl-Z in the terminal")
+            self.keys.pressed()  # what is held while it goes off is no wish for light
         self._look_at_keys()
         self.light.tick()
         self.lit_here |= self.light.wanted

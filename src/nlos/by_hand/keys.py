@@ -1,4 +1,4 @@
-"""Keys as they are pressed, without Enter; Ctrl-C stays the signal that it is, and Ctrl-Z does nothing."""
+"""Keys as they are pressed, without Enter; Ctrl-C and Ctrl-Z stay the signals that they are."""
 
 import os
 import select
@@ -6,6 +6,8 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+
+from nlos.by_hand.stops import Stops
 
 try:
     import termios
@@ -64,23 +66,28 @@ class Keys:
 
 
 @contextmanager
-def keys_of_terminal() -> Iterator[Keys]:
-    """The terminal's keys until the block is left, then the terminal as it was."""
+def keys_of_terminal(stops: Stops) -> Iterator[Keys]:
+    """The terminal's keys until the block is left, then the terminal as it was; so while the program is stopped."""
     if termios is None or not (sys.stdin.isatty() and sys.stdout.isatty()):
         yield Keys(None)
         return
     file = sys.stdin.fileno()
     before = termios.tcgetattr(file)
-    # A program that is stopped, by Ctrl-Z or because it reads in the background, cannot shut the light.
-    before_stops = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTSTP, signal.SIGTTIN)}
-    try:
-        tty.setcbreak(file)
-        changed = termios.tcgetattr(file)
-        changed[6][termios.VSUSP] = b"\0"
-        termios.tcsetattr(file, termios.TCSANOW, changed)
-        yield Keys(file)
-    finally:
+
+    def as_it_was() -> None:
         with suppress(termios.error):  # the terminal is gone
             termios.tcsetattr(file, termios.TCSADRAIN, before)
-        for number, handler in before_stops.items():
-            signal.signal(number, handler)
+
+    def as_pressed() -> None:
+        with suppress(termios.error):
+            tty.setcbreak(file)
+
+    # A program that is stopped because it reads in the background cannot shut the light.
+    reads_before = signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    try:
+        with stops.around(as_it_was, as_pressed):
+            as_pressed()
+            yield Keys(file)
+    finally:
+        as_it_was()
+        signal.signal(signal.SIGTTIN, reads_before)

@@ -8,7 +8,7 @@ from types import FrameType
 
 from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError, LimitError, ShutterHeld
+from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip, ShutterHeld
 from nlos.drivers.safety import GuardedShutter
 
 SPARE_S = 0.06
@@ -16,6 +16,8 @@ SPARE_S = 0.06
 SHORTEST_S = 0.2
 _ALARM_EARLY_S = 0.03
 _ALARM_AGAIN_S = 0.05
+_LATE_S = 0.5
+"""A computer that is busy shuts it within that; later, its program was stopped, or it slept itself."""
 
 
 class LightOnRequest:
@@ -27,6 +29,7 @@ class LightOnRequest:
         self._began_s = self._until_s = float("-inf")
         self._timed = False
         self._opened_s: float | None = None
+        self._off_s, self._late_s = float("inf"), 0.0
         self._closed_after_s = 0.0
 
     @property
@@ -84,6 +87,8 @@ class LightOnRequest:
         if alignment.duty == 1.0:
             off_s = self._until_s
         wanted = now_s < off_s - SPARE_S
+        if wanted:
+            self._off_s = off_s
         if wanted and not self._shutter.may_be_open:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
             self._opened_s = self._clock.now()
@@ -93,17 +98,24 @@ class LightOnRequest:
                 if self._shutter.is_held():
                     raise
         elif not wanted and self._shutter.may_be_open:
-            self._shutter.close("its time is over")
+            self._shut()
             self._set_timer(0.0)
         elif wanted:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
         self._account()
 
     def answer(self) -> None:
-        """Raises `SafetyTrip` where light that is off by now was on for longer than anybody looked after it: the timer
-        of a program that was stopped rings when it goes on."""
+        """Raises `SafetyTrip` where light that is off by now was on for longer than it was to be, or than anybody
+        looked after it: the timer of a program that was stopped rings when it goes on."""
         if self._shutter is not None:
             self._shutter.heard()
+        late_s, self._late_s = self._late_s, 0.0
+        if late_s > _LATE_S:
+            raise SafetyTrip(
+                "shutter",
+                f"closed {late_s:.1f} s after its time: the program was stopped meanwhile, or the computer slept.",
+                "Find what held it up; light is shut by Ctrl-Z or Ctrl-C, not by `kill -STOP`.",
+            )
 
     def end(self, why: str) -> None:
         """Off, whatever was asked for."""
@@ -112,6 +124,12 @@ class LightOnRequest:
         if self.lit and self._shutter is not None:
             self._shutter.close(why)
         self._account()
+
+    def _shut(self) -> None:
+        """Its time is over, perhaps for long. Raises what the shutter raises."""
+        assert self._shutter is not None
+        self._shutter.close("its time is over")
+        self._late_s = max(self._late_s, self._clock.now() - self._off_s)
 
     def _account(self) -> None:
         """Its time, where it is off by now, whoever closed it."""
@@ -141,6 +159,6 @@ class LightOnRequest:
         if not self.lit or self._shutter is None:
             return
         try:
-            self._shutter.close("its time is over")
+            self._shut()
         except DeviceError:  # reported; the program may wait for something else, so `tick` may not come to try again
             self._set_timer(_ALARM_AGAIN_S)

@@ -8,6 +8,7 @@ from nlos.acquisition.planning.preflight import drawn_aim
 from nlos.bench_constants import aiming_constants
 from nlos.by_hand.hand import Hand, refused_light
 from nlos.by_hand.keys import keys_of_terminal
+from nlos.by_hand.stops import Stops
 from nlos.by_hand.trust import watch_first_moves
 from nlos.calibration.errors import StaleConstants
 from nlos.cli.agreeing import agrees, somebody_is_there
@@ -47,8 +48,9 @@ def in_hand(
             raise refused_light(settings.shutter_on != "nothing", why, "Without --light everything else is done.")
         if bench.mirror is not None and "mirror" in wanted:
             watch_first_moves(bench)
-        with keys_of_terminal() as keys:
-            hand = Hand(bench, aim_in_use(settings, {"mirror": bench.mirror, "counter": bench.counter}), keys)
+        stops = Stops()
+        with stops.caught(), keys_of_terminal(stops) as keys:
+            hand = Hand(bench, aim_in_use(settings, {"mirror": bench.mirror, "counter": bench.counter}), keys, stops)
             hand.no_light = why
             if light_s is not None:
                 hand.light.check(light_s)

@@ -5,8 +5,10 @@ import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TextIO
 
+from nlos.by_hand.stops import Stops
 from nlos.cli.escaped import escaped
 
 _ENTER, _LEAVE = "\x1b[?1049h\x1b[?25l\x1b[2J", "\x1b[?25h\x1b[?1049l"
@@ -30,13 +32,17 @@ class Screen:
 
 
 @contextmanager
-def screen_of_terminal() -> Iterator[Screen]:
-    """The terminal's second screen until the block is left."""
+def screen_of_terminal(stops: Stops) -> Iterator[Screen]:
+    """The terminal's second screen until the block is left, or the program is stopped."""
     stream = getattr(sys.stdout, "sent", sys.stdout)
-    stream.write(_ENTER)
-    stream.flush()
-    try:
-        yield Screen(stream)
-    finally:
-        stream.write(_LEAVE)
+
+    def write(text: str) -> None:
+        stream.write(text)
         stream.flush()
+
+    write(_ENTER)
+    try:
+        with stops.around(partial(write, _LEAVE), partial(write, _ENTER)):
+            yield Screen(stream)
+    finally:
+        write(_LEAVE)

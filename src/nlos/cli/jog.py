@@ -54,7 +54,7 @@ def jog(
         jogging = Jog(hand, book, "" if page is None else page.url, light)
         if light is not None:
             hand.ask_for_light(light)
-        with screen_of_terminal() as screen:
+        with screen_of_terminal(hand.stops) as screen:
             while not jogging.ended:
                 for key in hand.pressed():
                     jogging.press(key)

@@ -73,7 +73,7 @@ def monitor(
             hand.ask_for_light(light)
         until_s = time.monotonic() + (math.inf if seconds is None else seconds)
         if hand.keys.there and not terminal.as_json:
-            with screen_of_terminal() as screen:
+            with screen_of_terminal(hand.stops) as screen:
                 for _ in _updates(hand, until_s, write, page):
                     summary.add(hand)
                     screen.draw(_lines(hand, screen.size.columns, screen.size.lines, page))
