@@ -22,6 +22,7 @@ _PARTS = 32
 """Of the axis; their median is the background, however few counts there are and wherever light comes."""
 _FAINT = 10
 """Photons in a peak below which there is none."""
+_A_LITTLE_MORE = 1.1
 
 
 def axis_of(bench: Bench) -> HistogramAxis:
@@ -60,10 +61,22 @@ def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Hist
 
 @dataclass(frozen=True)
 class Arrival:
-    """When direct light arrives after the sync pulse, and how well that is known: seconds."""
+    """When direct light arrives after the sync pulse, and how well that is known: seconds. `photons` of it, and counts
+    of `background` among them."""
 
     time_s: float
     error_s: float
+    photons: float
+    background: float
+
+    def longer(self, needed_s: float, parts: int) -> float:
+        """How many times as long each of `parts` equal gates has to be, of which this is the sum, for light to be found
+        in it for sure, and to be known within `needed_s`; 1 where they are long enough."""
+        photons, background = self.photons / parts, self.background / parts
+        times = max(1.0, parts * (self.error_s / needed_s) ** 2)
+        while not _surely(photons * times, background * times):
+            times *= _A_LITTLE_MORE
+        return times
 
 
 def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float, reach_s: float) -> Arrival | None:
@@ -86,7 +99,13 @@ def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float,
     mean_s = float((weight * time_s[window]).sum()) / total
     # Every count has its chance, also those that are background: what is left without them may have no width at all.
     error_s = math.sqrt(float((counts[window] * (time_s[window] - mean_s) ** 2).sum())) / total
-    return Arrival(mean_s, max(error_s, axis.bin_width_s / 3.5 / math.sqrt(total)))
+    floor_s = axis.bin_width_s / 3.5 / math.sqrt(total)
+    return Arrival(mean_s, max(error_s, floor_s), total, background * len(weight))
+
+
+def _surely(photons: float, background: float) -> bool:
+    """Whether so many, five standard deviations fewer by chance, still stand out as `arrival` asks for."""
+    return photons - 5 * math.sqrt(photons + background) >= max(_FAINT, 5 * math.sqrt(background))
 
 
 def expected_s(bench: Bench, range_m: float) -> float:

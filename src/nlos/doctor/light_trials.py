@@ -26,6 +26,8 @@ _SLICE_S = {True: 0.5e-3, False: 1e-3}
 """By the counter's clock, and by the host's, whose gates every counter can set."""
 _MOST_GATES = 1200
 _SIGMAS = 4.0
+_TOLD = 0.05
+"""Of the step: a place in it that is known less well says too little of when the mirror has settled."""
 
 
 @contextmanager
@@ -114,9 +116,11 @@ def settle_curve(bench: Bench) -> Iterator[Finding]:
     table_s = bench.mirror.settle_s(start, end)
     bench.counter.configure(axis)
     slices = max(12, math.ceil(2.5 * table_s / _SLICE_S[_steps_itself(bench)]))
+    begun_s = bench.clock.now()
     counts, time_s = _clocked(bench, slices) if _steps_itself(bench) else _by_hand(bench, slices)
+    took_s = bench.clock.now() - begun_s
     bench.mirror.park()
-    yield _judged(bench, counts, time_s, axis, table_s)
+    yield _judged(bench, counts, time_s, axis, took_s)
 
 
 def _steps_itself(bench: Bench) -> bool:
@@ -173,21 +177,23 @@ def _judged(
     counts: npt.NDArray[np.int64],
     time_s: npt.NDArray[np.float64],
     axis: HistogramAxis,
-    table_s: float,
+    took_s: float,
 ) -> Finding:
-    """Settled is the slice from which on direct light comes as late as at the end, within what can be told."""
+    """Settled is the slice from which on direct light comes as late as at the end, within what can be told. `took_s`:
+    how long the slices took to measure."""
     area = area_of(bench)
+    table_s = bench.mirror.settle_s(angles_of(bench, area.nearest), angles_of(bench, area.farthest))
     near_s, far_s = (expected_s(bench, range_m(bench, place)) for place in (area.nearest, area.farthest))
-    rest = arrival(counts[len(counts) * 2 // 3 :].sum(axis=0), axis, (near_s + far_s) / 2, _REACH_S)
+    at_rest = counts[len(counts) * 2 // 3 :]
+    rest = arrival(at_rest.sum(axis=0), axis, (near_s + far_s) / 2, _REACH_S)
     if rest is None:
         return failed("settling", "no direct light to tell it by", "Check aim and laser.")
     found = [arrival(each, axis, rest.time_s, (far_s - near_s) + 0.7e-9) for each in counts]
     way_s = far_s - near_s
     place = [float("nan") if each is None else 1 + (each.time_s - rest.time_s) / way_s for each in found]
     doubt = [float("inf") if each is None else math.hypot(each.error_s, rest.error_s) / way_s for each in found]
-    usual = float(np.median([each for each in doubt if math.isfinite(each)] or [float("inf")]))
-    if not usual < 0.2:
-        return warned("settling", "too little direct light to see the mirror settle", "More light, or a larger area.")
+    usual = math.hypot(rest.error_s * math.sqrt(len(at_rest)), rest.error_s) / way_s
+    seen = rest.longer(math.inf, len(at_rest)) == 1
     moving = [index for index, (p, d) in enumerate(zip(place, doubt, strict=True))
               if not abs(p - 1) <= max(_SIGMAS * d, _SIGMAS * usual)]  # fmt: skip
     step_s = max(float(b - a) for a, b in pairwise(time_s))
@@ -196,6 +202,15 @@ def _judged(
                   [round(float(each) * 1e3, 3) for each in time_s], [round(each, 3) for each in place],
                   [0.0, 1.0], [table_s * 1e3])  # fmt: skip
     last = moving[-1] + 1 if moving else 0
+    told = last >= len(time_s) or settled_s > table_s + step_s or usual * _SIGMAS <= _TOLD
+    if not (seen and told):  # a slice without a peak is no beam elsewhere, and a vague place none where it should be
+        times = rest.longer(way_s * _TOLD / _SIGMAS, len(at_rest))
+        return warned(
+            "settling",
+            f"too little direct light to see the mirror settle: {rest.photons / len(at_rest):.2g} photons a slice of "
+            f"{step_s * 1e3:.2g} ms after {took_s:.1f} s; it would take some {math.ceil(took_s * times)} s",
+            "More light on the wall, less beside it, or a larger area.", chart,
+        )  # fmt: skip
     said = (
         f"still within {_SIGMAS * usual:.1%} of the step after {settled_s * 1e3:.1f} ms; "
         f"its table says {table_s * 1e3:.1f} ms"
