@@ -14,7 +14,7 @@ from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import LaserShutter, NoShutter, ShutterState
 from nlos.drivers.silence import Silence
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
-from nlos.drivers.trip_latch import TripLatch
+from nlos.drivers.trip_latch import TripLatch, tripped
 
 _SHUTTER_MOVES_S = 0.1
 _OPENING_S = 2.0
@@ -153,11 +153,7 @@ class GuardedShutter:
     def check_trip(self) -> None:
         """Raises `SafetyTrip` while a trip stands, of this program or one before it."""
         if self._trip is not None:
-            raise SafetyTrip(
-                "shutter",
-                f"{'stays closed' if self._there else 'no scan'} after a trip ({self._trip}).",
-                "Find the cause, then run `nlos doctor --clear-trip YOUR-NAME`.",
-            )
+            raise tripped(self._trip, self._there)
 
     def hold(self, why: str) -> None:
         """Closes, and keeps closed what somebody may be about to open: within a signal handler."""

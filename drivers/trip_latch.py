@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import LimitError, SafetyTrip
 from nlos.drivers.file_word import older_word, own_word
 from nlos.drivers.state_folder import state_folder
 
@@ -54,6 +54,11 @@ class TripLatch:
             return why
         whole = kind == "override" and text.endswith("\n")
         return None if whole else f"what was written down of it ends in {line[-40:]!r}"
+
+    def check(self, there: bool) -> None:
+        """Raises `SafetyTrip` where a trip stands. `there`: whether there is a shutter that it keeps closed."""
+        if (why := self.standing()) is not None:
+            raise tripped(why, there)
 
     def check_place(self) -> None:
         """Before there is light. Raises `LimitError` where a trip could not be written down, as on a disk that is gone
@@ -105,6 +110,15 @@ class TripLatch:
                 with suppress(OSError):
                     os.fchmod(log, stat.S_IMODE(self.path.parent.stat().st_mode) & 0o666)
             return log
+
+
+def tripped(why: str, there: bool) -> SafetyTrip:
+    """What refuses light after a trip."""
+    return SafetyTrip(
+        "shutter",
+        f"{'stays closed' if there else 'no scan'} after a trip ({why}).",
+        "Find the cause, then run `nlos doctor --clear-trip YOUR-NAME`.",
+    )
 
 
 def _short_hash(words: Sequence[str]) -> str:

@@ -116,11 +116,11 @@ def disk_bytes(plan: ScanPlan) -> int:
 
 
 def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
-    """Raises `StorageError` where the disk of `path` has no room for the recording and what alarms want free beside;
-    of a film until it is stopped, for all of the wall once."""
+    """Raises `StorageError` where the disk of `path`, whose folder may be yet to be made, has no room for the recording
+    and what alarms want free beside; of a film until it is stopped, for all of the wall once."""
     least = plan.ended_after(plan.first_round) if plan.until_stopped else plan
     needed = 0 if path.exists() else disk_bytes(least)  # a recording's place on the disk is reserved as it is made
-    free = shutil.disk_usage(path.absolute().parent).free
+    free = shutil.disk_usage(next(folder for folder in path.absolute().parents if folder.is_dir())).free
     if needed + least_free > free:
         beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""
         raise StorageError(

@@ -1,6 +1,7 @@
 """`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from nlos.acquisition.planning.preflight import (
     ExpectedRates,
     aim_of,
     beam_within_px,
+    check_disk,
     check_light,
     checked_angles,
     disk_bytes,
@@ -32,11 +34,14 @@ from nlos.beam_seen import judge_beam
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
-from nlos.cli.targets import picture_target
+from nlos.cli.targets import picture_target, recording_target
 from nlos.cli.terminal import terminal
 from nlos.configs.load import load
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.trip_latch import TripLatch
 from nlos.response import resolution_across_m, response_of, response_wanted
+from nlos.run_defaults import dated_name
+from nlos.writable import check_writable
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.aim import Aiming
@@ -59,13 +64,19 @@ def plan(
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Draw the mirror's path, coloured by time.")
     ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="RUN.h5", help="Where the scan will write. Default: as `nlos scan`."),
+    ] = None,
     response: Response = "auto",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
-    """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
-    bench is not even opened, its simulated twin is asked."""
+    """Checks everything that `scan` would, a trip that stands and the disk, too; duration with its parts, disk, photons
+    to expect. Moves nothing: a real bench is not even opened, its simulated twin is asked."""
     if picture is not None and picture_target(picture).exists() and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or use --overwrite.")
+    if output is not None:
+        recording_target(output)
     told = response_wanted(response)
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     asked = wanted.settings.plan()
@@ -98,12 +109,25 @@ def plan(
     terminal.document["warnings"] = warnings
     if rates is not None:
         _tell_light(expectation(planned, rates))
+    target = output or dated_name(table.settings, wanted.path.stem, "", datetime.now())
+    _check_before_light(table.settings, planned, wanted.settings, target)
+    if rates is not None:
         check_light(rates, table.settings.laser.repetition_hz)
     if picture is not None:
         from nlos.report.figures import path_picture
 
         path_picture(planned.only(planned.expected()), picture)
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
+
+
+def _check_before_light(bench: "BenchSettings", planned: "ScanPlan", asked: ScanSettings, target: Path) -> None:
+    """What has nothing to do with the plan, and would refuse its scan all the same."""
+    latch = TripLatch.of_bench(bench)
+    latch.check(there=bench.shutter_on != "nothing")
+    if not bench.safety.dry_run:
+        latch.check_place()
+    check_writable(target.absolute().parent)
+    check_disk(planned, target, round(asked.alarms.min_free_mb * 1e6))
 
 
 def _learned(like: Path, bench: "Bench", aim: "Aiming") -> "tuple[ExpectedRates, Links]":
