@@ -25,7 +25,7 @@ from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import KeepsSettings, MirrorAngles
 
 
 class Sink(Protocol):
@@ -238,10 +238,21 @@ class _Run:
         going = self._control.pause(ScanState.STOPPED if alarm is not None else ScanState.ENDED)
         self._bench.report("scan", "resumed" if going else f"ended while {paused}")
         if going:
+            undeterred(self._set_up_again)
             self._bench.shutter.release()
             undeterred(self._look_around)
         elif alarm is not None:
             raise AlarmRaised("alarm", sentence(alarm.text), alarm.cure)
+
+    def _set_up_again(self) -> None:
+        """In the dark: nobody spoke to the instruments while somebody was asked, and what was switched off and on again
+        has forgotten what it was told."""
+        bench, known = self._bench, set(self._bench.warnings)
+        if isinstance(bench.mirror, KeepsSettings):
+            bench.mirror.restore()
+        bench.counter.configure(self._plan.axis, self._plan.stop)
+        for warning in (each for each in bench.warnings if each not in known):
+            bench.report("warning", warning)
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""

@@ -102,6 +102,17 @@ class ManyAtOnce(Protocol):
         ...
 
 
+@runtime_checkable
+class KeepsSettings(Protocol):
+    """A mirror whose controller holds settings that a power cut takes, by which its positions mean other angles then,
+    and that may say nothing of it. Others move as they are told whatever was before, or say that they cannot."""
+
+    def restore(self) -> None:
+        """Sends all of them again and centres; a restart that the controller tells of is among `warnings` then. In the
+        dark only: the beam may swing anywhere meanwhile."""
+        ...
+
+
 def surely_reached(mirror: GalvoMirror, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> bool:
     """Whether the mirror says at once that it reaches all of these; else ask for each by `check`."""
     return isinstance(mirror, ManyAtOnce) and len(x_rad) > 0 and mirror.reaches_all(x_rad, y_rad)

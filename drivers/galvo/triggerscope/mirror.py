@@ -160,6 +160,15 @@ class TriggerScope(TimedMirror):
         self._sequence = ()
         self.wait_settled()
 
+    def restore(self) -> None:
+        """Also where the start-up banner was lost, or never comes: without its SD card the controller gives none."""
+        with self._motion():
+            if not self._controller.recover():
+                self.warnings.append(f"{DEVICE} restarted, or its ranges were changed; its settings were sent again")
+            self._set_up()
+        self._sequence = ()
+        self.wait_settled()
+
     def set_shutter_line(self, is_open: bool) -> None:
         """Drives the TTL output that is wired to the shutter and returns when the controller confirms. Closing goes
         past a command in flight and may be called from a signal handler. Raises `LimitError` where none is wired."""

@@ -20,7 +20,8 @@ FAULTS: tuple[FaultRow, ...] = (
              "`ProtocolError`; the position counts as unknown, nothing moves until the bench is opened again",
              ALL),
     FaultRow("G6", "the controller restarts while in use",
-             "`DeviceReset`, shutter closed; its settings are gone",
+             "`DeviceReset`, shutter closed; its settings are gone. Of a `triggerscope` while a scan is paused: a "
+             "warning, and they are sent again",
              ALL),
     FaultRow("G7", "replies cut into pieces or run together",
              "nothing",

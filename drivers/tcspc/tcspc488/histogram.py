@@ -101,6 +101,7 @@ class Tcspc488:
         commands = axis_commands(self._device, axis, self.instrument.capacity) | stop_commands(self._device, axis, stop)
         with self.instrument.errors_named():
             self.instrument.setup.apply(commands)
+            self.instrument.restore({})
         self._axis, self._stops = axis, stop is not None
         if self.instrument.look()[0].tripped:
             self.instrument.tripped(())

@@ -4,7 +4,7 @@ Whatever is said to it, a trip that its answer shows is answered first, with the
 """
 
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -71,13 +71,15 @@ class Instrument:
         with self.errors_named():
             self.scpi.command(b"ABOR")
             self.setup.apply(commands, lists)
-            if self.setup.restore(lists):
-                self._restarted()
+            self.restore(lists)
             self.scpi.command(b"INIT", retry=False)
         self.trip_reported = False
 
-    def _restarted(self) -> None:
-        """The instrument lost its settings, and has them back. A shutter of its own has closed, though."""
+    def restore(self, lists: Mapping[str, Sequence[int]]) -> None:
+        """Reads back all settings. Where the instrument lost them it gets them back; a shutter of its own has closed,
+        though."""
+        if not self.setup.restore(lists):
+            return
         if self.shutter_opened:
             raise DeviceReset(self.device, "it restarted, which closed the shutter.", "Its settings are back: resume.")
         self.warnings.append("the counter restarted between two acquisitions; its settings were sent again")
