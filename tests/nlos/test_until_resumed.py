@@ -9,7 +9,11 @@ import pytest
 from nlos.acquisition.recording.ended_as_asked import AS_ASKED, status_word
 from nlos.acquisition.recording.recording import Recording
 from nlos.live.goal import Goal
+from nlos.live.good_enough import Enough
 from nlos.live.looks_before import ended_before, looks_before
+from nlos.live.process import state_file
+from nlos.live.so_far import new_scan
+from nlos.recipe import Recipe
 from tests.changed_bench import bench_file
 from tests.command import nlos
 
@@ -114,3 +118,24 @@ def test_pictures_of_another_kind_decide_nothing(tmp_path: Path) -> None:
     assert ended_before(tmp_path / "run.h5", plan, stable, "lct") == looks[-1]
     assert ended_before(tmp_path / "run.h5", plan, stable, "nano") is None
     assert ended_before(tmp_path / "none.h5", plan, stable, "lct") is None
+
+
+def test_a_real_bench_takes_its_decisions_from_the_recording_alone(tmp_path: Path) -> None:
+    """Its pictures are the live process's, which begins anew: nothing is judged before a quarter more points."""
+    (tmp_path / "scan.yaml").write_text(GRID)
+    assert scan(tmp_path, "run.h5", "0.3")[0] == 0
+    run = tmp_path / "run.h5"
+    with Recording.open(run) as recording:
+        plan, held_now = recording.plan, len(recording)
+    said: list[str] = []
+    for level, decided in ((0.3, [held_now]), (0.07, [])):
+        enough = Enough(
+            plan, new_scan(plan, {}), Goal("stable", level), Recipe("lct"), lambda kind, text: said.append(text), run
+        )
+        enough.catch_up(run)
+        assert enough.decided == decided
+        assert enough.reached == bool(decided)
+        figures = {"change": 0.01, "error": 0.01, "bound": None}
+        state_file(run).write_text(json.dumps({"samples": held_now + 1, **figures}))
+        assert not enough()
+        assert said == []
