@@ -22,8 +22,6 @@ try:  # an unplugged port raises termios.error, which is not an OSError, from fl
 except ImportError:  # Windows
     _PORT_ERRORS = (OSError,)
 
-_OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
-
 if "nlos.drivers.simulated.serial" not in serial.protocol_handler_packages:  # where pyserial finds sim://
     serial.protocol_handler_packages.append("nlos.drivers.simulated.serial")
 
@@ -31,6 +29,7 @@ WireLog = Callable[[str, str, bytes], None]
 """(device, ">" sent or "<" received, bytes)"""
 
 _MAX_MESSAGE = 256  # bytes; more without an end is no message
+_OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
 _SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
 _QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
 
@@ -74,8 +73,7 @@ class SerialLine:
         self.device = device
         self.timeout_s = timeout_s
         self.in_step = True
-        self.half_sent = False
-        """Whether a write was cut: the next bytes end half a command."""
+        self.half_sent = False  # whether a write was cut: the next bytes end half a command
         self._port = port
         self._clock = clock
         self._resynchronise = resynchronise
@@ -85,6 +83,7 @@ class SerialLine:
         self._in_flight, self._interjected = False, 0
         self._lost: DeviceLost | None = None
         self._said = b""
+        self._unasked = bytearray()  # until `drain`: a device may have said that it restarted
 
     @classmethod
     def open(
@@ -112,7 +111,7 @@ class SerialLine:
     def exchange(self, command: bytes, timeout_s: float | None = None, take: Take = take_line) -> bytes:
         """Sends `command` and returns the message that answers it."""
         with self._lock:
-            if not self.in_step or self._buffer or self._waiting():
+            if not self.in_step or self._unasked or self._buffer or self._waiting():
                 self.resynchronise()
             return self.transact(command, timeout_s, take)
 
@@ -130,10 +129,12 @@ class SerialLine:
             self.in_step = in_step
             return message
 
-    def receive(self, wanted: Callable[[bytes], bool], timeout_s: float | None = None) -> tuple[bytes, bytes]:
-        """Lines that come by themselves, until the wanted one: (that line, what came before it)."""
+    def receive(
+        self, wanted: Callable[[bytes], bool], timeout_s: float | None = None, what: str = "its name did not come"
+    ) -> tuple[bytes, bytes]:
+        """Lines until the wanted one: (that line, what came before it). `what`: for the error."""
         with self._lock:
-            return self._line(wanted, self._deadline(timeout_s), "what was waited for did not come")
+            return self._line(wanted, self._deadline(timeout_s), what)
 
     def interject(self, command: bytes, answer: bytes, timeout_s: float = 0.1) -> None:
         """Sends a command that cannot wait and returns when `answer` confirms it.
@@ -154,12 +155,11 @@ class SerialLine:
                     others = self._message(self._deadline(timeout_s / 2), take_line, "") + b"\r\n"
             while (self._buffer or self._waiting()) and self._clock.now() < deadline_s:
                 self.in_step = False  # an old reply must not confirm the new command
-                self._buffer.clear()
+                self._keep_unasked()
                 self._fill(0.0)
             self.write(command)
             _, before = self._line(lambda line: line == answer, deadline_s, f"{command!r} was not confirmed")
-            if self._in_flight:
-                self._buffer[:0] = others + before
+            self._buffer[:0] = others + before  # another command's answer, or what nobody asked for: a start-up text
         finally:
             self._lock.release()
 
@@ -176,8 +176,8 @@ class SerialLine:
     def drain(self) -> bytes:
         """Reads until the line has been quiet for 50 ms, for at most the timeout, and returns what came."""
         with self._lock:
-            drained = bytearray(self._buffer)
-            self._buffer.clear()
+            self._keep_unasked()
+            drained, self._unasked = self._unasked, bytearray()
             deadline_s = self._deadline(None)
             while self._clock.now() < deadline_s and self._fill(_QUIET_S):
                 drained += self._buffer[:_MAX_MESSAGE]
@@ -189,7 +189,7 @@ class SerialLine:
         with self._lock:
             while len(self._buffer) <= _MAX_MESSAGE and self._waiting():
                 self._fill(0.0)
-            return bytes(self._buffer)
+            return bytes(self._unasked + self._buffer)
 
     def write(self, data: bytes) -> None:
         """Sends bytes and expects nothing."""
@@ -210,11 +210,15 @@ class SerialLine:
 
     def close(self) -> None:
         """Releases the port; may be called twice, and after it was unplugged."""
-        if self._lost is None:
-            self._lost = DeviceLost(self.device, "the port is closed.")
+        self._lost = self._lost or DeviceLost(self.device, "the port is closed.")
         let_others_in(self._port)
         with contextlib.suppress(*_PORT_ERRORS):  # it may be gone already
             self._port.close()
+
+    def _keep_unasked(self) -> None:
+        self._unasked += self._buffer[:_MAX_MESSAGE]
+        del self._unasked[: -16 * _MAX_MESSAGE]
+        self._buffer.clear()
 
     def _deadline(self, timeout_s: float | None) -> float:
         return self._clock.now() + (self.timeout_s if timeout_s is None else timeout_s)
@@ -239,11 +243,11 @@ class SerialLine:
                 self._buffer.clear()
                 self.in_step = False
                 raise self._echoes() if echoed else ProtocolError(self.device, f"{error}.") from error
-            if message is not None and echoed:
+            if message is not None and not echoed:
+                return message
+            if message is not None:
                 self.in_step = False
                 raise self._echoes()
-            if message is not None:
-                return message
             remaining_s = deadline_s - self._clock.now()
             if remaining_s <= 0:
                 self.in_step = False
@@ -292,8 +296,5 @@ class SerialLine:
             raise DeviceLost(self.device, self._lost.what, self._lost.remedy)
 
     def _gone(self, error: Exception) -> DeviceLost:
-        self.in_step = False
-        self._lost = DeviceLost(
-            self.device, f"the serial port went away ({error}).", "Check cable and power, then open the bench again."
-        )
+        self.in_step, self._lost = False, DeviceLost(self.device, f"the serial port went away ({error}).")
         return self._lost

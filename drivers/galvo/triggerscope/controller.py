@@ -2,6 +2,8 @@
 
 import contextlib
 from collections.abc import Iterable, Sequence
+from functools import partial
+from itertools import cycle
 from typing import Self
 
 from nlos.drivers.clock import Clock
@@ -51,7 +53,7 @@ class Controller:
         Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`, `DeviceTimeout`, `ProtocolError`.
         """
         line = SerialLine.open(
-            DEVICE, port, clock, baud=115_200, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+            DEVICE, port, clock, baud=115_200, timeout_s=timeout_s, resynchronise=_Proof(), wire_log=wire_log
         )
         try:
             gave_banner = _wait_for_banner(line, banner_timeout_s)
@@ -169,30 +171,44 @@ def _spoil(line: SerialLine) -> bytes:
         return b""
 
 
-def _prove(line: SerialLine, stale: bytes) -> None:
-    """In step: commands are answered in order, so after the identity no reply to an earlier command is outstanding.
+class _Proof:
+    """In step: commands are answered in order, so after the answer to a question that no earlier one was like, none to
+    an earlier command is outstanding.
 
-    An answer that nobody waited for is no noise: a command was carried out a second time, or another program's was, and
-    the mirror may have moved.
+    The question is for the length of a table, each time the next one's, and never who it is: what names itself unasked
+    has restarted, and a late answer is not taken for that. An answer that nobody waited for is no noise: a command was
+    carried out a second time, or another program's was, and the mirror may have moved.
     """
-    in_step = line.in_step
-    stale += _spoil(line)
-    for attempt in range(2):
-        line.write(wire.IDENTIFY)
-        try:
-            _, before = line.receive(_names_itself, line.timeout_s / 2)
-        except (DeviceTimeout, ProtocolError):
-            if attempt == 1:
-                raise
-        else:
-            stale += before
-            break
-    if _names_itself(stale):
-        raise _restarted()
-    if wire.range_changed(stale):
-        raise _range_changed()
-    if in_step and b"!" in stale:
-        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
+
+    def __init__(self) -> None:
+        self._dacs = cycle(wire.DACS)
+
+    def __call__(self, line: SerialLine, stale: bytes) -> None:
+        in_step = line.in_step
+        stale += _spoil(line)
+        for attempt in range(2):
+            question = wire.ask_states(next(self._dacs))
+            line.write(question)
+            try:
+                _, before = line.receive(
+                    partial(_answers, question), line.timeout_s / 2, f"{question!r} was not answered"
+                )
+            except (DeviceTimeout, ProtocolError):
+                if attempt == 1:
+                    raise
+            else:
+                stale += before
+                break
+        if _names_itself(stale):
+            raise _restarted()
+        if wire.range_changed(stale):
+            raise _range_changed()
+        if in_step and b"!" in stale:
+            raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
+
+
+def _answers(question: bytes, line: bytes) -> bool:
+    return line.startswith(wire.echo(question) + b"-")
 
 
 def _restarted() -> DeviceReset:

@@ -17,6 +17,8 @@ RANGE = 4  # +-10 V
 CENTRE = 32767  # what the controller itself sets as mid-scale; half a code, 0.15 mV, below 0 V
 CODES = 65536
 SPAN_V = 20.0
+DACS = range(1, 10)
+"""Those whose replies fit the controller's buffer; it has 16."""
 STATES = 1200
 """Length of a controller's table of states. It does not check: writing past it corrupts the firmware's memory."""
 
@@ -48,6 +50,11 @@ def set_range(dac: int) -> bytes:
 def set_code(dac: int, code: int) -> bytes:
     """`SAOn-v`: a DAC to a code, 0 to 65535."""
     return b"SAO%d-%d\n" % (dac, code)
+
+
+def ask_states(dac: int) -> bytes:
+    """`PANn`: asks how long the table of a DAC is. Changes nothing."""
+    return b"PAN%d\n" % dac
 
 
 def clear_states(dac: int) -> bytes:
@@ -92,7 +99,7 @@ def echo(command: bytes) -> bytes:
 
 def load_states(dac: int, codes: Sequence[int]) -> Iterator[tuple[bytes, bytes]]:
     """Lines that fill a DAC's table, each with the reply that confirms it. Raises `ValueError` before the first."""
-    if not 1 <= dac <= 9:
+    if dac not in DACS:
         raise ValueError(f"DAC {dac}: only 1 to 9, the reply for others overruns the controller's buffer")
     return _load(b"PAO%d" % dac, codes)
 

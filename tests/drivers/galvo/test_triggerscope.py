@@ -72,7 +72,7 @@ def test_a_shutter_output_is_closed_before_anything_else(talk: Callable[..., Tri
 
 def test_ranges_are_set_as_it_opens_and_never_as_it_parks(talk: Callable[..., TriggerScope]) -> None:
     """Each SAR puts -10 V on the other axis."""
-    mirror = talk(*OPENING, SPOIL, (b"*\n", BANNER), *DISARM, *CENTRE)
+    mirror = talk(*OPENING, SPOIL, (b"PAN1\n", b"!PAN1-1200\r\n"), *DISARM, *CENTRE)
     mirror.park()
 
 

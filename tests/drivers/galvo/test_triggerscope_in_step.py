@@ -8,6 +8,7 @@ from nlos.drivers.errors import DeviceError, DeviceFault, DeviceReset, DeviceTim
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
@@ -27,14 +28,14 @@ MEANS = [
 
 class Rig:
     """A controller on its cable; `unasked` comes before its answer to the n-th `at` from now on, once; `lost` so many
-    answers to `*` do not come."""
+    answers to its question for a length do not come."""
 
-    def __init__(self, bench: SimulatedBench) -> None:
+    def __init__(self, bench: SimulatedBench, **settings: int) -> None:
         self.bench = bench
-        firmware = TriggerScopeFirmware(bench, Wiring(bench))
+        firmware = TriggerScopeFirmware(bench, Wiring(bench, **settings))
         unplug("in_step")
         url = plug("in_step", firmware, bench, 0.001)
-        self.mirror = TriggerScope.open(TriggerScopeSettings(model="triggerscope", port=url), bench.clock)
+        self.mirror = TriggerScope.open(TriggerScopeSettings(model="triggerscope", port=url, **settings), bench.clock)
         self._receive, firmware.receive = firmware.receive, self._heard
         self.at, self.unasked, self.lost, self.heard = b"", b"", 0, []
 
@@ -45,7 +46,7 @@ class Rig:
     def _heard(self, data: bytes, when_s: float) -> bytes:
         self.heard.append(data)
         reply = self._receive(data, when_s)
-        if data == b"*\n" and self.lost:
+        if data.startswith(b"PAN") and self.lost:
             self.lost -= 1
             return b""
         if self.at and data.startswith(self.at):
@@ -75,7 +76,7 @@ def test_an_answer_that_nobody_waited_for_freezes_the_mirror(
     assert_frozen(rig)
 
 
-@pytest.mark.parametrize("at", [b"9999", b"*"])
+@pytest.mark.parametrize("at", [b"9999", b"PAN"])
 @pytest.mark.parametrize(("data", "error", "what"), MEANS[:4])
 def test_it_is_as_much_an_answer_where_it_comes_while_that_is_looked_into(
     rig: Rig, data: bytes, error: type[DeviceError], what: str, at: bytes
@@ -101,10 +102,10 @@ def test_noise_in_step_means_nothing_and_the_mirror_goes_where_it_is_told(rig: R
     rig.arrives(NOISE)
     rig.mirror.move_to(ASIDE)
     assert rig.bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=3e-5)
-    assert [each for each in rig.heard if each[:3] in (b"999", b"*\n")] == [b"99999999999\n", b"*\n"]
+    assert [each for each in rig.heard if each[:3] in (b"999", b"PAN")] == [b"99999999999\n", b"PAN1\n"]
 
 
-def test_an_identity_that_is_lost_once_is_asked_for_again_and_twice_is_a_timeout(rig: Rig) -> None:
+def test_an_answer_that_is_lost_once_is_asked_for_again_and_twice_is_a_timeout(rig: Rig) -> None:
     rig.arrives(NOISE)
     rig.lost = 1
     rig.mirror.move_to(ASIDE)
@@ -130,3 +131,39 @@ def test_what_is_left_of_a_command_that_timed_out_is_no_answer_of_others(rig: Ri
     rig.mirror.park()
     assert abs(rig.bench.beam.x_rad) < 1e-4
     assert rig.heard.count(b"SAR1-4\n") == 0  # ranges stand: setting them swings the other axis out
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.0002])
+def test_a_restart_as_the_shutter_is_closed_is_no_less_noticed(
+    dark_bench: Callable[..., SimulatedBench], late_s: float
+) -> None:
+    """Its start-up text was thrown away before the command to close, or behind it, and the mirror moved on with the
+    ranges that the controller starts with."""
+    rig = Rig(dark_bench(), shutter_pin=9)
+    rig.mirror.set_shutter_line(True)
+    cable = plugged("in_step")
+    cable._reply(cable.firmware.reboot(), rig.bench.clock.now() + late_s)
+    rig.mirror.set_shutter_line(False)
+    with pytest.raises(DeviceReset):
+        rig.mirror.move_to(ASIDE)
+    assert not any(each.startswith(b"SAO") for each in rig.heard)
+    rig.mirror.park()
+    assert abs(rig.bench.beam.x_rad) < 1e-4
+
+
+def test_answers_that_come_seconds_late_are_no_restart(dark_bench: Callable[..., SimulatedBench]) -> None:
+    """Those to its own questions who it is were taken for the start-up text."""
+    rig = Rig(dark_bench(Fault(name="G2", after_s=1.5, parameters={"delay_s": 2.0})), shutter_pin=9)
+    rig.mirror.set_shutter_line(True)
+    rig.bench.clock.sleep(1.5)
+    said = []
+    for _ in range(5):
+        try:
+            rig.mirror.set_shutter_line(False)
+        except DeviceError as error:
+            said.append(type(error))
+    assert set(said) == {DeviceTimeout}
+    assert len(said) < 5
+    assert not rig.bench.shutter_open
+    rig.mirror.park()
+    assert rig.heard.count(b"SAR1-4\n") == 0
