@@ -192,6 +192,8 @@ class BenchSettings(Settings):
             raise ValueError("a simulated bench needs a `simulation` block")
         if not self.simulated and self.simulation is not None:
             raise ValueError("a `simulation` block beside real instruments; remove it")
+        if misfit := self.counter.laser_misfit(self.laser.repetition_hz):
+            raise ValueError(f"counter: {misfit}")
         if self.shutter.model != "none":
             self._has_its_shutter()
         return self

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from nlos.drivers.simulated import spad
 from nlos.drivers.simulated.bench import Gate, SimulatedBench
+from nlos.drivers.simulated.sync_input import SyncInput
 from nlos.drivers.tcspc.t3 import T3Format
 
 _NEVER_S = float("inf")
@@ -34,7 +35,15 @@ _SALT = 3
 class T3Instrument:
     """Trigger output, marker inputs 1 to 3, and a FIFO."""
 
-    def __init__(self, bench: SimulatedBench, layout: T3Format, repetition_hz: float, seed: int) -> None:
+    def __init__(
+        self,
+        bench: SimulatedBench,
+        layout: T3Format,
+        repetition_hz: float,
+        seed: int,
+        sync: SyncInput | None = None,
+    ) -> None:
+        self._sync = sync or SyncInput(repetition_hz)
         self._bench, self._layout, self._repetition_hz, self._seed = bench, layout, repetition_hz, seed
         self._fifo: deque[npt.NDArray[np.uint32]] = deque()
         self._waiting = 0
@@ -201,8 +210,12 @@ class T3Instrument:
         return round((when_s - self._started_s) * self._repetition_hz)
 
     def _record(self, pulses: npt.NDArray[np.int64], delays: npt.NDArray[np.int64], last: int) -> None:
+        pulses, delays = self._sync.timed(pulses, delays, self._bin_width_s)
+        told = delays < 1 << self._layout.delay_bits
+        pulses, delays, last = pulses[told], delays[told], last // self._sync.every
         wrap = self._layout.wrap
         markers = np.array(self._markers, dtype=np.int64).reshape(-1, 2)
+        markers[:, 0] //= self._sync.every
         self._markers.clear()
         wraps = np.arange(self._wraps + 1, last // wrap + 1, dtype=np.int64) * wrap
         self._wraps = max(self._wraps, last // wrap)

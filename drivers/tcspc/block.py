@@ -19,6 +19,15 @@ class CounterBlock(DeviceSettings):
         `edge` of a model whose channels have signs: "falling" is a negative channel."""
         return {}
 
+    @classmethod
+    def laser_keys(cls, repetition_hz: float, device: str = "") -> Mapping[str, object]:
+        """Keys of the block that a laser of this rate asks for, on this model's `device`."""
+        return {}
+
+    def laser_misfit(self, repetition_hz: float) -> str:
+        """Why the sync of a laser of this rate cannot be taken, and what to do; empty where it can."""
+        return ""
+
     usual_pulse: ClassVar[Pulse] = "nim"
     """What detectors in front of such a counter mostly put out."""
     usual_mode: ClassVar[str | None] = None

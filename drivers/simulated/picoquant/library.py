@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.bench import Gate, SimulatedBench
 from nlos.drivers.simulated.picoquant.error_texts import TEXTS
+from nlos.drivers.simulated.picoquant.inputs import NIM_MV, SYNC_DEAD_S, edge_crossed
+from nlos.drivers.simulated.sync_input import SyncInput
 from nlos.drivers.simulated.t3_instrument import T3Instrument
 from nlos.drivers.tcspc.picoquant.families import FAMILIES
 
-_NIM_MV = 800
-"""Laser sync and detector send negative pulses of this height, unless a rising edge is waited for:"""
-_ATTENUATED_TTL_MV = 500
-"""then 5 V behind an attenuator of 20 dB, as a MultiHarp's inputs need it."""
 _TEXT_BYTES = {"GetLibraryVersion": 8, "GetErrorString": 40, "OpenDevice": 32, "GetSerialNumber": 32}
 """How much a call may write to its first string, whatever the caller reserved (the vendor's demo)."""
 _RATES_VALID_S = {"PH": 0.1, "HH": 0.4, "MH": 0.15}
@@ -26,11 +24,6 @@ _RATES_VALID_S = {"PH": 0.1, "HH": 0.4, "MH": 0.15}
 _BASE_PS, _T3 = {"PH": 4.0, "HH": 1.0, "MH": 5.0}, 3
 _BEFORE_OPEN = frozenset(("GetLibraryVersion", "GetErrorString", "OpenDevice", "CloseDevice"))
 _BEFORE_INITIALIZE = frozenset(("Initialize", "GetSerialNumber"))
-
-
-def _edge_crossed(level_mv: int, edge: int) -> bool:
-    """Whether the pulses of laser or detector cross a MultiHarp's trigger level (edge 1: rising)."""
-    return -_NIM_MV < level_mv < 0 or (edge == 1 and 0 < level_mv < _ATTENUATED_TTL_MV)
 
 
 def _write(pointer: Any, value: float) -> None:
@@ -51,14 +44,15 @@ class PicoquantLibrary:
         version: str = "3.1",
     ) -> None:
         self._bench, self._family = bench, FAMILIES[device]
-        self._repetition_hz, self._serial, self._version = repetition_hz, serial, version
-        self._t3 = T3Instrument(bench, self._family.layout, repetition_hz, seed)
+        self._serial, self._version, self._seed = serial, version, seed
+        self._sync = SyncInput(repetition_hz, SYNC_DEAD_S[self._family.prefix])
+        self._t3 = T3Instrument(bench, self._family.layout, repetition_hz, seed, self._sync)
         self._open = self._calibrated = False
         self._sync_crossed = self._detector_crossed = False
         self._mode: int | None = None
         self._binning = self._offset = 0
         self._length = self._family.fixed_bins or 65536
-        self._exposure: Exposure | None = None
+        self._counts: npt.NDArray[np.uint32] | None = None
         self._set_up_s = self._started_s = self._ends_s = 0.0
         self._running = False
         self._sticky_flags = 0
@@ -147,8 +141,10 @@ class PicoquantLibrary:
     # Setting
 
     def _SetSyncDiv(self, divider: int) -> int:
-        self._set_up_s = self._bench.clock.now()
-        return 0 if divider in self._family.sync_dividers else -17
+        if divider not in self._family.sync_dividers:
+            return -17
+        self._set_up_s, self._sync.divider = self._bench.clock.now(), divider
+        return 0
 
     def _accept(self, *_: Any) -> int:
         return 0
@@ -156,19 +152,19 @@ class PicoquantLibrary:
     def _SetSyncEdgeTrg(self, level_mv: int, edge: int) -> int:
         if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
             return -17
-        self._sync_crossed = _edge_crossed(level_mv, edge)
+        self._sync_crossed = edge_crossed(level_mv, edge)
         return 0
 
     def _SetInputEdgeTrg(self, channel: int, level_mv: int, edge: int) -> int:
         if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
             return -17
-        self._detector_crossed = self._t3.hears = _edge_crossed(level_mv, edge)
+        self._detector_crossed = self._t3.hears = edge_crossed(level_mv, edge)
         return 0
 
     def _SetSyncCFD(self, level_mv: int, zero_cross_mv: int) -> int:
         if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= self._family.most_zero_cross_mv):
             return -17
-        self._sync_crossed = 0 < level_mv < _NIM_MV
+        self._sync_crossed = 0 < level_mv < NIM_MV
         return 0
 
     def _SetInputCFD(self, channel: int, level_mv: int, zero_cross_mv: int) -> int:
@@ -176,7 +172,7 @@ class PicoquantLibrary:
             return self._SetSyncCFD(level_mv, zero_cross_mv)
         if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= self._family.most_zero_cross_mv):
             return -17
-        self._detector_crossed = self._t3.hears = 0 < level_mv < _NIM_MV
+        self._detector_crossed = self._t3.hears = 0 < level_mv < NIM_MV
         return 0
 
     _SetSyncOffset = _SetSyncChannelOffset = _accept
@@ -215,7 +211,7 @@ class PicoquantLibrary:
         return _BASE_PS[self._family.prefix] * 1e-12 * (1 << self._binning)
 
     def _ClearHistMem(self, block: int = 0) -> int:
-        self._exposure = None
+        self._counts = None
         return -18 if self._mode else 0
 
     def _StartMeas(self, milliseconds: int) -> int:
@@ -230,9 +226,8 @@ class PicoquantLibrary:
             self._t3.start(now_s, self._ends_s, self._bin_width_s)
         else:
             offset_s, number = self._offset * self._family.offset_unit_s, self._bench.turns.next_number()
-            self._exposure = self._bench.expose(
-                Gate(now_s, milliseconds * 1e-3, self._length, self._bin_width_s, offset_s, number)
-            )
+            gate = Gate(now_s, milliseconds * 1e-3, self._length, self._bin_width_s, offset_s, number)
+            self._counts = self._sync.histogram(self._bench, gate, self._seed)
         return 0
 
     def _StopMeas(self) -> int:
@@ -258,8 +253,8 @@ class PicoquantLibrary:
             return -16
         target: npt.NDArray[np.uint32] = np.frombuffer(counts, np.uint32)
         target[:] = 0
-        if self._exposure is not None and self._detector_crossed and block_or_channel == 0:
-            target[: self._length] = np.minimum(self._exposure.counts, self._family.largest_count)
+        if self._counts is not None and self._detector_crossed and block_or_channel == 0:
+            target[: self._length] = np.minimum(self._counts, self._family.largest_count)
         return 0
 
     def _ReadFiFo(self, buffer: Any, *rest: Any) -> int:
@@ -277,13 +272,13 @@ class PicoquantLibrary:
             if self._bench.faults.strikes(name, now_s) is not None:
                 self._sticky_flags |= bit
                 self._pulses &= name != "V3"
-        if self._exposure is not None and int(self._exposure.counts.max(initial=0)) > family.largest_count:
+        if self._counts is not None and int(self._counts.max(initial=0)) > family.largest_count:
             self._sticky_flags |= family.overflow
         _write(flags, self._sticky_flags | (family.fifo_full if self._t3.overrun else 0))
         return 0
 
     def _GetSyncRate(self, rate: Any) -> int:
-        _write(rate, round(self._repetition_hz) if self._sync_crossed and self._pulses and self._counted else 0)
+        _write(rate, round(self._sync.rate_hz) if self._sync_crossed and self._pulses and self._counted else 0)
         return 0
 
     def _GetCountRate(self, channel: int, rate: Any) -> int:

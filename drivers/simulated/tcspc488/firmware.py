@@ -179,7 +179,7 @@ class Tcspc488Firmware:
     def _set_input(self, header: str, argument: bytes) -> None:
         low, high, _ = _INPUTS[header]
         value = integer(argument, low, high)
-        if header.endswith("DIV") and value not in (1, 2, 4, 8, 16):
+        if header.endswith("DIV") and value not in (1, 2, 4, 8, 16):  # pulses between are reckoned: it changes nothing
             raise ScpiFault(-222)
         self._inputs[header] = value
         self._changed_s = self._now_s

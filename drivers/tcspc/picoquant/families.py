@@ -16,6 +16,10 @@ from nlos.drivers.tcspc.t3 import GENERIC, PICOHARP_300, T3Format
 
 Device = Literal["picoharp300", "hydraharp400", "multiharp150"]
 
+_SLOWEST_DIVIDED_HZ = 1e6
+_METER = 1.01
+"""So much may a rate meter be off."""
+
 
 @dataclass(frozen=True)
 class Family:
@@ -58,6 +62,33 @@ class Family:
     most_zero_cross_mv: int = 40
     rates_valid_s: float = 0.2
     """After the inputs were set up; until then rate meters hold nothing (the demo programs: 100, 400, 150 ms)."""
+
+    def divider_for(self, sync_hz: float) -> int | None:
+        """The smallest sync divider with which no pulse is missed; None where there is none."""
+        return next((each for each in self.sync_dividers if sync_hz / each <= _METER * self.most_sync_hz), None)
+
+    def sync_misfit(self, divider: int, sync_hz: float) -> tuple[str, str] | None:
+        """What is wrong where a laser and the sync divider do not go together, and what to do.
+
+        Behind its divider the sync input is blind for 1 / `most_sync_hz` after a pulse; the instrument reckons the
+        pulses in between, in histograms, in T3 records and on its rate meter alike, which takes a laser of 1 MHz or
+        more (manuals of PHLib, HHLib and MHLib, SetSyncDiv and warnings; HydraHarp 400 manual, T3 mode).
+        """
+        laser = f"the laser pulses at {sync_hz / 1e6:.6g} MHz"
+        if sync_hz / divider > _METER * self.most_sync_hz:
+            most_hz, fits = divider * self.most_sync_hz, self.divider_for(sync_hz)
+            return (
+                f"{laser}; with sync_divider {divider} a {self.product} takes {most_hz / 1e6:g} MHz and would miss "
+                "pulses.",
+                f"Set sync_divider: {fits} in the bench file." if fits else "Divide the sync signal before its input.",
+            )
+        if divider > 1 and sync_hz * _METER < _SLOWEST_DIVIDED_HZ:
+            return (
+                f"{laser}: below {_SLOWEST_DIVIDED_HZ / 1e6:g} MHz the pulses that sync_divider {divider} leaves out "
+                "are not reckoned.",
+                "Set sync_divider: 1 in the bench file.",
+            )
+        return None
 
 
 FAMILIES: dict[str, Family] = {
@@ -144,6 +175,16 @@ class PicoquantSettings(CounterBlock):
         if family.constant_fraction:  # their inputs take negative pulses only
             return {"level_mv": family.nim_level_mv} if pulse == "nim" else None
         return {"level_mv": -50, "edge": "falling"} if pulse == "nim" else {"level_mv": 300, "edge": "rising"}
+
+    @classmethod
+    def laser_keys(cls, repetition_hz: float, device: str = "") -> Mapping[str, object]:
+        """The divider with which no pulse is missed."""
+        divider = FAMILIES[device].divider_for(repetition_hz) or 1
+        return {} if divider == 1 else {"sync_divider": divider}
+
+    def laser_misfit(self, repetition_hz: float) -> str:
+        """By the bench file's own word: the rate meter counts no pulse that was missed."""
+        return " ".join(FAMILIES[self.device].sync_misfit(self.sync_divider, repetition_hz) or ())
 
     @property
     def channel(self) -> int:

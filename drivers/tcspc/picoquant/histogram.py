@@ -1,6 +1,7 @@
 """PicoHarp 300, HydraHarp 400 and MultiHarp 150 in histogram mode: one measurement per point."""
 
 import ctypes
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -41,6 +42,7 @@ _POLL_S = 0.002
 _SYNC_LOOK_S = 0.1
 """How often it is asked how many laser pulses come: it counts for as long."""
 _MOST_POINTS = 65_536
+_SAME_RATE = 0.01
 
 
 class Picoquant(UnwatchedCounter):
@@ -76,6 +78,7 @@ class Picoquant(UnwatchedCounter):
         self._triggered = 0
         self._armed_s = self._started_s = self._sync_hz = self._pulses_hz = self._sync_looked_s = 0.0
         self._running = False
+        self._compared_hz = (math.inf, 0.0)  # the laser's rate by the divider in use, and by the largest
         self._meanwhile: Callable[[], None] = lambda: None
 
     # Settings
@@ -100,7 +103,7 @@ class Picoquant(UnwatchedCounter):
         if stop is not None:
             raise cannot_stop(self._device)
         codes = axis_codes(self._device, self._family, self._base_s, axis, self._t3)
-        check_sync_rate(self._device, self._family, self._settings.sync_divider, self._sync_rate_hz())
+        self._check_sync(self._sync_rate_hz())
         call = self._library.call
         call("SetBinning", codes.binning)
         call("SetOffset", codes.offset)
@@ -118,9 +121,24 @@ class Picoquant(UnwatchedCounter):
         self._sync_hz = self._pulses_hz = self.rates().sync_hz
         if self._sync_hz <= 0:
             raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
-        check_sync_rate(self._device, self._family, self._settings.sync_divider, self._sync_hz)
+        self._check_sync(self._sync_hz)
         self._dwells_s, self._taken, self._triggered = gates.dwells_s, [], 0
         self._armed_s = self._sync_looked_s = self._clock.now()
+
+    def _check_sync(self, sync_hz: float) -> None:
+        """Raises `LimitError` where laser and sync divider do not go together. Pulses that the sync input is too slow
+        for need not show on its rate meter: once for each rate it is held against the largest divider's."""
+        divider, largest = self._settings.sync_divider, self._family.sync_dividers[-1]
+        if sync_hz <= 0 or divider == largest:
+            return check_sync_rate(self._device, self._family, divider, sync_hz)
+        if abs(sync_hz / self._compared_hz[0] - 1) > _SAME_RATE:
+            rates_hz = [sync_hz]
+            for each in (largest, divider):
+                self._library.call("SetSyncDiv", each)
+                self._clock.sleep(self._family.rates_valid_s)
+                rates_hz.append(self._sync_rate_hz())
+            self._compared_hz = sync_hz, max(rates_hz)
+        return check_sync_rate(self._device, self._family, divider, self._compared_hz[1])
 
     def _check_trigger(self, gates: PointGates) -> None:
         if gates.trigger is not Trigger.HOST:

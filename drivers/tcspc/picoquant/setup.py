@@ -8,9 +8,6 @@ from nlos.drivers.tcspc.picoquant.families import Family, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.library import VendorLibrary
 
 _BINS_OF_CODE_0 = 1024
-_SLOWEST_DIVIDED_HZ = 1e6
-_METER = 0.01
-"""So much may a rate meter be off."""
 
 
 @dataclass(frozen=True)
@@ -66,29 +63,9 @@ def axis_codes(device: str, family: Family, base_s: float, axis: HistogramAxis, 
 
 
 def check_sync_rate(device: str, family: Family, divider: int, sync_hz: float) -> None:
-    """Raises `LimitError` where the laser and the sync divider do not go together.
-
-    Behind its divider the sync input takes so many pulses a second; the instrument reckons the pulses in between, in
-    histograms, in T3 records and on its rate meter alike, which takes a laser of 1 MHz or more (manuals of PHLib, HHLib
-    and MHLib, SetSyncDiv; HydraHarp 400 manual, T3 mode).
-    """
-    if sync_hz <= 0:
-        return  # no laser yet: `arm` says so
-    if sync_hz / divider > (1 + _METER) * family.most_sync_hz:
-        fits = [each for each in family.sync_dividers if sync_hz / each <= (1 + _METER) * family.most_sync_hz]
-        raise LimitError(
-            device,
-            f"the laser pulses at {sync_hz / 1e6:.6g} MHz; with sync_divider {divider} a {family.product} takes "
-            f"{divider * family.most_sync_hz / 1e6:g} MHz and would miss pulses.",
-            f"Set sync_divider: {fits[0]} in the bench file." if fits else "Divide the sync signal before its input.",
-        )
-    if divider > 1 and sync_hz < (1 - _METER) * _SLOWEST_DIVIDED_HZ:
-        raise LimitError(
-            device,
-            f"the laser pulses at {sync_hz / 1e6:.6g} MHz: below {_SLOWEST_DIVIDED_HZ / 1e6:g} MHz the pulses that "
-            f"sync_divider {divider} leaves out are not reckoned.",
-            "Set sync_divider: 1 in the bench file.",
-        )
+    """Raises `LimitError` where the laser and the sync divider do not go together."""
+    if sync_hz > 0 and (misfit := family.sync_misfit(divider, sync_hz)):  # no laser yet: `arm` says so
+        raise LimitError(device, *misfit)
 
 
 def set_up_inputs(library: VendorLibrary, settings: PicoquantSettings) -> None:

@@ -18,7 +18,8 @@ class SyncInput(Settings):
     edge: Literal["rising", "falling"] = "falling"
     """On the way up or down."""
     divider: Literal[1, 2, 4, 8, 16] = 1
-    """The instrument sees only every N-th laser pulse."""
+    """For a laser faster than the sync input: only every N-th pulse is timed, the instrument reckons those between.
+    Times are after the last pulse, and rates and numbers of pulses are the laser's, as without it."""
     delay_ps: int = Field(default=0, ge=-99999, le=99999)
     """Added to this input's times, as a cable would."""
 

@@ -63,6 +63,7 @@ def _counter(said: Mapping[str, str], simulated: bool) -> dict[str, Any]:
         counter["device"] = said["device"]
     if settings.usual_mode is not None:
         counter["mode"] = settings.usual_mode
+    counter |= settings.laser_keys(float(said["repetition_hz"]), said.get("device", ""))
     if "input" in settings.model_fields:
         counter["input"] = int(said["detector_input"])
     for role in ("sync", "detector"):

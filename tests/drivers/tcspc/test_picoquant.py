@@ -78,7 +78,7 @@ def opened(device: str, *faults: Fault, mode: str = "histogram", **more: Any) ->
     ("device", "sync_hz", "fits", "misfits"),
     [
         ("picoharp300", 0.1e6, [1], [2, 8]), ("picoharp300", 10e6, [1, 2, 4, 8], []),
-        ("picoharp300", 40e6, [4, 8], [1, 2]), ("picoharp300", 78e6, [8], [1, 2, 4]), ("picoharp300", 100e6, [], [8]),
+        ("picoharp300", 40e6, [4, 8], [1, 2]), ("picoharp300", 78e6, [8], [1, 2, 4]),
         ("hydraharp400", 0.9e6, [1], [2]), ("hydraharp400", 1e6, [1, 16], []),
         ("hydraharp400", 40e6, [4, 8, 16], [1, 2]), ("hydraharp400", 80e6, [8, 16], [4]),
         ("multiharp150", 40e6, [1, 16], []), ("multiharp150", 80e6, [2], [1]), ("multiharp150", 0.1e6, [1], [16]),
@@ -200,7 +200,7 @@ def test_a_missing_marker_is_seen_in_the_count() -> None:
 
 
 def test_a_full_fifo_ends_the_segment_and_flags_what_is_missing() -> None:
-    counter, bench = opened("multiharp150", Fault(name="V2", after_s=0.25), mode="t3")
+    counter, bench = opened("multiharp150", Fault(name="V2", after_s=0.65), mode="t3")
     histograms = clocked(counter, bench, 12)
     lost = [bool(histogram.flags & HistogramFlag.DATA_LOST) for histogram in histograms]
     assert lost == sorted(lost)

@@ -151,3 +151,19 @@ def test_without_laser_pulses_there_is_no_time(rig: Callable, monkeypatch: pytes
     monkeypatch.setattr(this.counter, "rates", lambda: CountRates(0.0, 100.0))
     with pytest.raises(SyncLost, match="no sync signal"):
         this.counter.arm(PointGates([DWELL_S], [0]))
+
+
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_a_divided_sync_is_told_as_the_laser_s_own(rig: Callable, mode: str) -> None:
+    """Rates, pulses and times: the instrument reckons the pulses that its divider leaves out."""
+    taken = []
+    for divider in (1, 8):
+        this = rig(mode=mode, sync={"divider": divider})
+        this.light["rate_hz"] = 200e3
+        this.shutter.open()
+        assert (b"INP:SYNC:DIV %d" % divider) in b"".join(data for _, way, data in this.wire if way == ">")
+        assert this.counter.rates().sync_hz == 10e6
+        taken.append(take(this, Trigger.HOST))
+    for whole, divided in zip(*taken, strict=True):
+        np.testing.assert_array_equal(whole.counts, divided.counts)
+        assert whole.sync_count == divided.sync_count == 40_000
