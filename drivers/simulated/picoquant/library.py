@@ -185,6 +185,10 @@ class PicoquantLibrary:
         self._binning = binning
         return 0
 
+    def _GetResolution(self, picoseconds: Any) -> int:
+        _write(picoseconds, self._bin_width_s * 1e12)
+        return 0
+
     def _SetOffset(self, offset: int) -> int:
         if not 0 <= offset <= self._family.largest_offset:
             return -17

@@ -147,7 +147,7 @@ class PicoquantSettings(CounterBlock):
     library: str = "vendor"
     """Its path, "vendor" (found where its installer puts it), or "simulated"."""
     serial: str = "auto"
-    """Serial number of the instrument, or "auto" for the first one that answers."""
+    """Serial number of the instrument, or "auto" for the only one that answers."""
     mode: Literal["histogram", "t3"] = "histogram"
     """Histograms made by the instrument, or by this computer from a record of every photon."""
     input: int = Field(default=1, ge=1, le=64)

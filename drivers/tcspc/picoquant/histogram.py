@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import CommandRejected, DeviceError, LimitError, SyncLost
+from nlos.drivers.errors import CommandRejected, DeviceError, LimitError, SyncLost, WrongDevice
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.tcspc.counter import (
     CounterStatus,
@@ -106,10 +106,12 @@ class Picoquant(UnwatchedCounter):
         self._check_sync(self._sync_rate_hz())
         call = self._library.call
         call("SetBinning", codes.binning)
+        self._check_taken("bins of {:g} ps", self._library.real("GetResolution"), axis.bin_width_s * 1e12)
         call("SetOffset", codes.offset)
         if not self._t3:
-            if self._family.fixed_bins is None:
-                self._library.integer("SetHistoLen", codes.length_code)
+            if self._family.fixed_bins is None:  # what reads them has room for just as many
+                taken = self._library.integer("SetHistoLen", codes.length_code)
+                self._check_taken("histograms of {:g} bins", taken, codes.length)
             call("SetStopOverflow", 0, ctypes.c_uint(self._family.largest_count))
         self._axis, self._codes = axis, codes
 
@@ -139,6 +141,14 @@ class Picoquant(UnwatchedCounter):
                 rates_hz.append(self._sync_rate_hz())
             self._compared_hz = sync_hz, max(rates_hz)
         return check_sync_rate(self._device, self._family, divider, self._compared_hz[1])
+
+    def _check_taken(self, what: str, taken: float, asked: float) -> None:
+        if abs(taken - asked) > 1e-6 * asked:
+            raise WrongDevice(
+                self._device,
+                f"it took {what.format(taken)} where {what.format(asked)} were asked for.",
+                f"Its library counts otherwise than this adapter: install {self._family.package}.",
+            )
 
     def _check_trigger(self, gates: PointGates) -> None:
         if gates.trigger is not Trigger.HOST:

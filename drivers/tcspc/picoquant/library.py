@@ -33,6 +33,8 @@ _RETRY_AFTER_S = 0.1
 _CLOSES_WITHIN_S = 5.0
 _TEXT_BYTES = 64
 """The libraries write without asking for how much there is room: 40 bytes at most, 32 of a serial number."""
+_INSTRUMENTS = 8
+"""MAXDEVNUM of every family's header file."""
 _TRANSIENT = (-36, -37)
 """USB_VCMD_FAIL and USB_BULKRD_FAIL come at random on some computers and are gone 100 ms later (known from PHLib)."""
 _NEVER_TWICE = frozenset(("StartMeas", "ReadFiFo", "OpenDevice", "Initialize", "ClearHistMem"))
@@ -169,29 +171,39 @@ def load_library(device: str, family: Family, where: str) -> Any:
 
 
 def open_instrument(library: VendorLibrary, serial: str) -> str:
-    """Opens the instrument of that serial number, or the first that answers ("auto"); returns its serial number.
+    """Opens the instrument of that serial number, or the only one that answers ("auto"); returns its serial number.
 
-    Raises `DeviceNotFound`, `DeviceBusy`, or what the library reports.
+    Raises `DeviceNotFound`, `DeviceBusy`, or what the library reports. Which of several has the lowest index may change
+    with the next plug.
     """
-    others, codes = [], []
-    for index in range(8):
+    answering, codes = {}, []
+    for index in range(_INSTRUMENTS):
         buffer = ctypes.create_string_buffer(_TEXT_BYTES)
         code = library.attempt("OpenDevice", index, buffer)
         found = buffer.value.decode("ascii", "replace")
-        if code == 0 and serial in ("auto", found):
-            library.index = index
-            return found
         if code == 0:
-            others.append(found)
-            library.attempt("CloseDevice", index)
+            answering[index] = found
+            if found == serial:
+                break
         elif code != -1:
             codes.append(code)
-    wanted = library.family.product if serial == "auto" else f"{library.family.product} with serial number {serial}"
-    if codes and not others:
+    chosen = [index for index, found in answering.items() if serial in ("auto", found)]
+    for index in answering:
+        if [index] != chosen:
+            library.attempt("CloseDevice", index)
+    if len(chosen) == 1:
+        library.index = chosen[0]
+        return answering[chosen[0]]
+    product, others = library.family.product, ", ".join(answering.values())
+    if chosen:
+        raise DeviceNotFound(library.device, f"{len(chosen)} of {product} answer: {others}.", "Name one as `serial`.")
+    if codes and not answering:
         raise library.error("OpenDevice", codes[0])
-    seen = f" (there is {', '.join(others)})" if others else ""
+    wanted = product if serial == "auto" else f"{product} with serial number {serial}"
     raise DeviceNotFound(
-        library.device, f"no {wanted} answers{seen}.", "Check cable, power and `serial` in the bench file."
+        library.device,
+        f"no {wanted} answers{f' (there is {others})' if others else ''}.",
+        "Check cable, power and `serial` in the bench file.",
     )
 
 

@@ -19,6 +19,8 @@ def _look_for(settings: TimeTaggerSettings) -> Presence:
         return Presence(False, error.what, error.remedy)
     if not serials:
         return Presence(False, "no Time Tagger is plugged in", "Check cable and power; close programs that use it.")
+    if settings.serial == "auto" and len(serials) > 1:
+        return Presence(False, "there are several", f"Name one as `serial`: {', '.join(serials)}.")
     if settings.serial not in ("auto", *serials):
         return Presence(False, f"another one is plugged in: {', '.join(serials)}", "Correct `serial`.")
     return Presence(True, f"Time Tagger {settings.serial if settings.serial != 'auto' else serials[0]}")

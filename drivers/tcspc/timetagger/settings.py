@@ -40,7 +40,7 @@ class TimeTaggerSettings(CounterBlock):
     library: str = "vendor"
     """The installed Python package Swabian-TimeTagger ("vendor"), or "simulated"."""
     serial: str = "auto"
-    """Serial number of the instrument, or "auto" for the first one that answers."""
+    """Serial number of the instrument, or "auto" for the only one that answers."""
     mode: Literal["histogram", "list"] = "histogram"
     """Histograms made by the vendor's library, or by this program from a tag of every photon."""
     sync: TimeTaggerInput = TimeTaggerInput(channel=1)

@@ -63,6 +63,9 @@ class Tagger:
                 f"no Time Tagger{which} answers{seen}.",
                 "Check cable and power, close other programs that use it, correct `serial` in the bench file.",
             )
+        if wanted == "auto" and len(serials) > 1:  # which of them is the first may change with the next plug
+            what = f"{len(serials)} Time Taggers answer: {', '.join(serials)}."
+            raise DeviceNotFound(self.device, what, "Name one as `serial` in the bench file.")
         chosen = serials[0] if wanted == "auto" else wanted
         self.instrument = self.call("createTimeTagger", package.createTimeTagger, chosen)
 
