@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nlos.drivers.errors import DeviceError
+from nlos.drivers.link.same_device import port_at
 from nlos.drivers.link.serial_line import available_ports
 from nlos.drivers.link.usb_search import UsbInfo
-from nlos.drivers.udev import RELOAD, RULES_FILE
+from nlos.drivers.udev import RELOAD, RULES_FILE, vendor_of
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,9 @@ class Presence:
 
 
 def port_presence(port: str, udev_rule: str) -> Presence:
-    """Of a device on a serial port: the port tells no more than that it is there."""
-    path = Path(port)
-    known = {info.port for info in available_ports()}
+    """Of a device on a serial port: the port tells no more than that it is there, and whose USB device it is."""
+    path, ports = Path(port), available_ports()
+    known = {info.port for info in ports}
     if not (path.exists() or port in known or "://" in port):
         return Presence(False, "no such port", f"Plug it in, or correct `port`: {_listed(known)}.")
     if path.exists() and not os.access(path, os.R_OK | os.W_OK):
@@ -32,6 +33,10 @@ def port_presence(port: str, udev_rule: str) -> Presence:
             "this user may not open it",
             f"Join the group that owns it (usually dialout), or put into {RULES_FILE}: {udev_rule} ({RELOAD}).",
         )
+    here, usual = port_at(port, ports), vendor_of(udev_rule)
+    if here is not None and usual is not None and here.vendor_id not in (0, usual):
+        other = f"it is {here.description or 'a device'} of USB vendor {here.vendor_id:04x}, where {usual:04x} is usual"
+        return Presence(True, f"the port is there, but {other}; `nlos doctor` asks who answers")
     return Presence(True, "the port is there; `nlos doctor` asks who answers")
 
 

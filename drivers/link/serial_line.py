@@ -3,7 +3,6 @@
 import contextlib
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import serial
@@ -14,6 +13,7 @@ from nlos.drivers.errors import DeviceLost, DeviceTimeout, ProtocolError
 from nlos.drivers.link.framing import Take, take_line
 from nlos.drivers.link.open_errors import cannot_open
 from nlos.drivers.link.port_lock import let_others_in, lock_out_others
+from nlos.drivers.link.same_device import PortInfo, port_of
 
 try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
     import termios
@@ -32,17 +32,6 @@ _MAX_MESSAGE = 256  # bytes; more without an end is no message
 _OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
 _SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
 _QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
-
-
-@dataclass(frozen=True)
-class PortInfo:
-    """A serial port of this computer, as the operating system describes it."""
-
-    port: str
-    description: str
-    serial_number: str
-    vendor_id: int = 0
-    """Of the USB device behind it; 0 where there is none."""
 
 
 def available_ports() -> list[PortInfo]:
@@ -99,12 +88,14 @@ class SerialLine:
     ) -> "SerialLine":
         """Opens a port, `/dev/ttyACM0`, `COM3` or any pyserial URL, for this program alone.
 
-        Raises `DeviceNotFound` and `DeviceBusy`, each saying what to do.
+        Raises `DeviceNotFound`, `DeviceBusy` and `WrongDevice`, each saying what to do.
         """
+        ports = available_ports()
+        here = port_of(device, url, ports)
         try:
-            port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
+            port = serial.serial_for_url(here, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
         except _OPEN_ERRORS as error:
-            raise cannot_open(device, url, error, [each.port for each in available_ports()]) from error
+            raise cannot_open(device, here, error, [each.port for each in ports]) from error
         lock_out_others(port)
         return cls(device, port, clock, timeout_s=timeout_s, resynchronise=resynchronise, wire_log=wire_log)
 

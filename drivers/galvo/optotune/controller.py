@@ -11,7 +11,8 @@ from nlos.drivers.galvo.optotune import wire
 from nlos.drivers.galvo.optotune.wire import Status
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.repeats import repeated
-from nlos.drivers.link.serial_line import SerialLine, WireLog
+from nlos.drivers.link.same_device import remember
+from nlos.drivers.link.serial_line import SerialLine, WireLog, available_ports
 
 DEVICE = "optotune"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
@@ -47,6 +48,7 @@ class Controller:
         except BaseException:
             line.close()
             raise
+        remember(port, available_ports())
         return cls(line, model)
 
     def identity(self) -> DeviceIdentity:

@@ -18,7 +18,8 @@ from nlos.drivers.errors import (
 )
 from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.identity import DeviceIdentity
-from nlos.drivers.link.serial_line import SerialLine, WireLog
+from nlos.drivers.link.same_device import remember
+from nlos.drivers.link.serial_line import SerialLine, WireLog, available_ports
 
 DEVICE = "triggerscope"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
@@ -73,6 +74,7 @@ class Controller:
                     _say_unheard(line, last_words)
             line.close()
             raise
+        remember(port, available_ports())
         return cls(line, identity, gave_banner)
 
     def command(self, command: bytes) -> None:

@@ -1,6 +1,5 @@
 """Why an instrument does not answer: owned by another program, another port, or another firmware, told apart."""
 
-import re
 from contextlib import suppress
 
 from nlos.drivers.bench_settings import BenchSettings
@@ -8,13 +7,14 @@ from nlos.drivers.clock import SystemClock
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceTimeout, ProtocolError, WrongDevice
 from nlos.drivers.link.port_owner import held_by, owners_of, usb_nodes
-from nlos.drivers.link.serial_line import PortInfo, SerialLine, available_ports
+from nlos.drivers.link.same_device import PortInfo, port_at
+from nlos.drivers.link.serial_line import SerialLine, available_ports
+from nlos.drivers.udev import vendor_of
 
 _ASK = b"\r\n"
 """An empty line moves no mirror that we know, and makes most firmwares say something."""
 _BAUD = 115200
 _LISTEN_S = 0.5
-_VENDOR = re.compile(r'idVendor\}=="([0-9a-f]{4})"')
 _SILENT = (DeviceTimeout, ProtocolError, WrongDevice, DeviceBusy)
 
 
@@ -53,15 +53,14 @@ def why_silent(block: DeviceSettings, error: DeviceError, ports: list[PortInfo] 
 
 def _wrong_port(block: DeviceSettings, ports: list[PortInfo]) -> str:
     """By the USB vendor that the operating system sees behind the port."""
-    expected = _VENDOR.search(block.udev_rule)
-    here = next((each for each in ports if each.port == block.address), None)
-    if expected is None or here is None or not here.vendor_id or here.vendor_id == int(expected[1], 16):
+    expected, here = vendor_of(block.udev_rule), port_at(block.address, ports)
+    if expected is None or here is None or here.vendor_id in (0, expected):
         return ""
-    alike = [each.port for each in ports if each.vendor_id == int(expected[1], 16)]
+    alike = [each.port for each in ports if each.vendor_id == expected]
     where = f"it may be {' or '.join(alike)}" if alike else "no port of this computer is one"
     return (
         f"wrong port: {here.port} is {here.description or 'another device'} (USB vendor {here.vendor_id:04x}), a "
-        f"{block.model} has {expected[1]}; {where}."
+        f"{block.model} has {expected:04x}; {where}."
     )
 
 
