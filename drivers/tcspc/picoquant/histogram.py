@@ -79,6 +79,7 @@ class Picoquant(UnwatchedCounter):
         self._armed_s = self._started_s = self._sync_hz = self._pulses_hz = self._sync_looked_s = 0.0
         self._running = False
         self._compared_hz = (math.inf, 0.0)  # the laser's rate by the divider in use, and by the largest
+        self._compare_dividers(self._sync_rate_hz())
         self._meanwhile: Callable[[], None] = lambda: None
 
     # Settings
@@ -128,19 +129,24 @@ class Picoquant(UnwatchedCounter):
         self._armed_s = self._sync_looked_s = self._clock.now()
 
     def _check_sync(self, sync_hz: float) -> None:
-        """Raises `LimitError` where laser and sync divider do not go together. Pulses that the sync input is too slow
-        for need not show on its rate meter: once for each rate it is held against the largest divider's."""
+        """Raises `LimitError` where laser and sync divider do not go together."""
+        if sync_hz > 0:  # else there is no laser yet: `arm` says so
+            self._compare_dividers(sync_hz)
+            seen_hz = max(sync_hz, self._compared_hz[1])
+            check_sync_rate(self._device, self._family, self._settings.sync_divider, seen_hz)
+
+    def _compare_dividers(self, sync_hz: float) -> None:
+        """Pulses that the sync input is too slow for need not show on its rate meter: once for each rate of the laser
+        it is held against the largest divider's."""
         divider, largest = self._settings.sync_divider, self._family.sync_dividers[-1]
-        if sync_hz <= 0 or divider == largest:
-            return check_sync_rate(self._device, self._family, divider, sync_hz)
-        if abs(sync_hz / self._compared_hz[0] - 1) > _SAME_RATE:
-            rates_hz = [sync_hz]
-            for each in (largest, divider):
-                self._library.call("SetSyncDiv", each)
-                self._clock.sleep(self._family.rates_valid_s)
-                rates_hz.append(self._sync_rate_hz())
-            self._compared_hz = sync_hz, max(rates_hz)
-        return check_sync_rate(self._device, self._family, divider, self._compared_hz[1])
+        if sync_hz <= 0 or divider == largest or abs(sync_hz / self._compared_hz[0] - 1) <= _SAME_RATE:
+            return
+        rates_hz = [sync_hz]
+        for each in (largest, divider):
+            self._library.call("SetSyncDiv", each)
+            self._clock.sleep(self._family.rates_valid_s)
+            rates_hz.append(self._sync_rate_hz())
+        self._compared_hz = sync_hz, max(rates_hz)
 
     def _check_taken(self, what: str, taken: float, asked: float) -> None:
         if abs(taken - asked) > 1e-6 * asked:

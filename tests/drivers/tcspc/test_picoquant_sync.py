@@ -101,7 +101,9 @@ def test_a_divider_is_compared_with_the_largest_once_for_each_rate(divider: int,
         return call(name, *arguments)
 
     counter._library.call = heard
-    for _ in range(3):
-        counter.configure(HistogramAxis(512, 40e-12))
-        counter.arm(PointGates([8e-3], [0]))
-    assert set_to == [16, divider] * calls
+    for laser_hz in (10e6, 20e6):
+        counter._library._functions._sync._laser_hz = laser_hz
+        for _ in range(3):
+            counter.configure(HistogramAxis(512, 40e-12))
+            counter.arm(PointGates([8e-3], [0]))
+        assert set_to == ([16, divider] * calls if laser_hz > 10e6 else [])  # at 10 MHz: as it was opened
