@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 Take = Callable[[bytearray], bytes | None]
 """Removes one complete message from the front of the buffer and returns it, or None while it is incomplete. Raises
-`ValueError` where the buffer holds what the protocol does not allow."""
+`ValueError`, with the buffer as it was, where that holds what the protocol does not allow."""
 
 
 def take_line(buffer: bytearray) -> bytes | None:
@@ -13,7 +13,7 @@ def take_line(buffer: bytearray) -> bytes | None:
     if end < 0:
         return None
     line = bytes(buffer[:end])
-    del buffer[: end + 2]
     if any(not 32 <= byte < 127 for byte in line):
         raise ValueError(f"{line!r} is not a line of printable text")
+    del buffer[: end + 2]
     return line

@@ -164,6 +164,11 @@ class SerialLine:
                 raise
             self.in_step, self.half_sent = True, False
 
+    def take_unasked(self) -> bytes:
+        """What arrived since the last look at it that was no answer, and not understood."""
+        taken, self._unasked = bytes(self._unasked), bytearray()
+        return taken
+
     def drain(self) -> bytes:
         """Reads until the line has been quiet for 50 ms, for at most the timeout, and returns what came."""
         with self._lock:
@@ -216,11 +221,15 @@ class SerialLine:
 
     def _line(self, wanted: Callable[[bytes], bool], deadline_s: float, what: str) -> tuple[bytes, bytes]:
         before = b""
-        while not wanted(line := self._message(deadline_s, take_line, what)):
-            before += line + b"\r\n"
-            if self._clock.now() >= deadline_s:
-                self.in_step = False
-                raise DeviceTimeout(self.device, f"{what} in time among {len(before)} bytes.")
+        try:
+            while not wanted(line := self._message(deadline_s, take_line, what)):
+                before += line + b"\r\n"
+                if self._clock.now() >= deadline_s:
+                    self.in_step = False
+                    raise DeviceTimeout(self.device, f"{what} in time among {len(before)} bytes.")
+        except BaseException:
+            self._unasked[:0] = before
+            raise
         return line, before
 
     def _message(self, deadline_s: float, take: Take, what: str) -> bytes:
@@ -231,7 +240,7 @@ class SerialLine:
                 if message is None and len(self._buffer) > _MAX_MESSAGE:
                     raise ValueError(f"more than {_MAX_MESSAGE} bytes without an end: {bytes(self._buffer[:40])!r}...")
             except ValueError as error:
-                self._buffer.clear()
+                self._keep_unasked()
                 self.in_step = False
                 raise self._echoes() if echoed else ProtocolError(self.device, f"{error}.") from error
             if message is not None and not echoed:

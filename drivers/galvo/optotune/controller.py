@@ -38,18 +38,19 @@ class Controller:
 
         Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`.
         """
+        proof = _Proof()
         line = SerialLine.open(
-            DEVICE, port, clock, baud=256_000, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+            DEVICE, port, clock, baud=256_000, timeout_s=timeout_s, resynchronise=proof, wire_log=wire_log
         )
         try:
             line.drain()
-            model, _ = _to_simple_mode(line)
+            proof.name, _, _ = _to_simple_mode(line)
             line.in_step = True
         except BaseException:
             line.close()
             raise
         remember(port, available_ports())
-        return cls(line, model)
+        return cls(line, wire.names_model(proof.name))
 
     def identity(self) -> DeviceIdentity:
         """Who answers. Asked twice: nothing in a reply says which command it answers, or that it is undamaged."""
@@ -182,35 +183,51 @@ class _FrameDamaged(ProtocolError):
     """A Pro-mode frame that did not come whole."""
 
 
-def _prove(line: SerialLine, stale: bytes) -> None:
-    """An answer that nobody waited for is no noise: a command was carried out twice, and the mirror may have moved."""
-    in_step = line.in_step
-    stale += _to_simple_mode(line)[1]
-    unasked = in_step and re.search(rb"OK|NO|OL|OU|ERROR|0x|[0-9A-Fa-f]{8}|~", stale)
-    if wire.names_model(stale):
-        raise _restarted()
-    if unasked:
-        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
+class _Proof:
+    """In step, and in Simple mode. An answer that nobody waited for is no noise: a command was carried out twice, and
+    the mirror may have moved. Whatever names the controller otherwise than its answer to GETID did is its start-up."""
+
+    def __init__(self) -> None:
+        self.name = b""
+        """What it answers to GETID; empty until it was asked."""
+
+    def __call__(self, line: SerialLine, stale: bytes) -> None:
+        in_step = line.in_step
+        _, beyond, missed = _to_simple_mode(line, self.name)
+        stale += beyond
+        unasked = in_step and re.search(rb"OK|NO|OL|OU|ERROR|0x|[0-9A-Fa-f]{8}|~", stale)
+        others = [each for each in (stale + b"\r\n" + missed).split(b"\r\n") if each != self.name]
+        if wire.names_model(stale) or any(map(wire.names_model, others)):
+            raise _restarted()
+        if unasked:
+            raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 
-def _to_simple_mode(line: SerialLine) -> tuple[str, bytes]:
+def _to_simple_mode(line: SerialLine, name: bytes = b"") -> tuple[bytes, bytes, bytes]:
     """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order. Returns
-    the model, and what answered beyond one reply to each question.
+    that answer, what else came where each question had its reply, and where not.
 
     The first START after Pro mode or after garbage may be refused; one that nothing answers went to Pro mode.
     """
-    said = b""
+
+    def is_name(reply: bytes) -> bool:
+        return reply == name if name else bool(wire.names_model(reply))
+
+    said, missed = b"", b""
     for attempt in range(3):
         try:
-            if line.transact(b"START\r\n", line.timeout_s / 4) != b"OK":
-                line.transact(b"START\r\n", line.timeout_s / 4)
+            for _ in range(2):
+                if (began := line.transact(b"START\r\n", line.timeout_s / 4)) == b"OK":
+                    break
+                missed += began + b"\r\n"
             said, beyond = line.transact(b"GETID\r\n", line.timeout_s / 4), b""
-            if not wire.names_model(said):
+            if not is_name(said):
                 before = said
-                said, more = line.receive(lambda reply: bool(wire.names_model(reply)), line.timeout_s / 4)
+                said, more = line.receive(is_name, line.timeout_s / 4)
                 beyond = before + b"\r\n" + more
             # What was not answered in time may be so now: that is nobody else's.
-            return wire.names_model(said), beyond if attempt == 0 else b""
+            missed += line.take_unasked()
+            return (said, beyond, missed) if attempt == 0 else (said, b"", missed + beyond)
         except (DeviceTimeout, ProtocolError):
             if attempt == 2 and said not in (b"", b"OK", b"NO"):
                 raise WrongDevice(
@@ -219,7 +236,7 @@ def _to_simple_mode(line: SerialLine) -> tuple[str, bytes]:
             if attempt == 2:
                 raise
         line.write(wire.to_simple())
-        line.drain()
+        missed += said + b"\r\n" + line.drain() + b"\r\n"
     raise AssertionError("the third attempt returns or raises")
 
 

@@ -201,6 +201,7 @@ class _Proof:
             else:
                 stale += before
                 break
+        stale += line.take_unasked()
         if _names_itself(stale):
             raise _restarted()
         if wire.range_changed(stale):

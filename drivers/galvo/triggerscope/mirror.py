@@ -176,11 +176,12 @@ class TriggerScope(TimedMirror):
         if pin is None:
             raise LimitError(DEVICE, "no shutter is wired to a TTL output.", "Set `shutter_pin` in the bench file.")
         group, bit = divmod(pin - 1, 8)
-        if is_open:
-            self._check_known()
-            self._controller.command(wire.set_mask(group, 1 << bit))
-        else:
-            self._controller.interject(wire.set_mask(group, 0))
+        with self._noticing():
+            if is_open:
+                self._check_known()
+                self._controller.command(wire.set_mask(group, 1 << bit))
+            else:
+                self._controller.interject(wire.set_mask(group, 0))
 
     def close(self) -> None:
         self._controller.close()
@@ -270,12 +271,18 @@ class TriggerScope(TimedMirror):
 
     @contextlib.contextmanager
     def _motion(self) -> Iterator[None]:
-        """A motion of the mirror. A controller that was restarted or disturbed in it may have other ranges."""
+        """A motion of the mirror."""
+        with self._noticing(), self._place.motion():
+            yield
+
+    @contextlib.contextmanager
+    def _noticing(self) -> Iterator[None]:
+        """A controller that was restarted or disturbed may have other ranges, and points elsewhere."""
         try:
-            with self._place.motion():
-                yield
-        except (DeviceReset, MirrorDisturbed):
+            yield
+        except (DeviceReset, MirrorDisturbed) as error:
             self._ranges_set = False
+            self._place.lost_by = self._place.lost_by or error
             raise
 
 
