@@ -1,5 +1,6 @@
 """Measurements and virtual channels of a simulated Time Tagger: what the vendor's library makes of the tags."""
 
+import math
 from abc import ABC, abstractmethod
 from typing import Protocol
 
@@ -181,13 +182,18 @@ class Countrate(Measurement):
 
     def _begin(self, ends_s: float | None) -> None:
         self._tagger.check_channel(1)
-        self._ends_s, self.running = ends_s, True
+        self._begun_s, self._ends_s, self.running = self._tagger.panel.bench.clock.now(), ends_s, True
 
     def stop(self) -> None:
         self.running = False
 
     def getData(self) -> npt.NDArray[np.float64]:
-        return np.array([self._tagger.clicks_a_second(channel) for channel in self.channels])
+        """Whole clicks between begin and end."""
+        now_s = self._tagger.panel.bench.clock.now()
+        ended_s = now_s if self._ends_s is None else min(now_s, self._ends_s)
+        rates = [self._tagger.clicks_a_second(channel) for channel in self.channels]
+        counted = [math.floor(ended_s * each) - math.floor(self._begun_s * each) for each in rates]
+        return np.array(counted) / max(ended_s - self._begun_s, 1e-12)
 
 
 class TimeTagStream(Measurement):

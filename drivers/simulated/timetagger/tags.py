@@ -19,6 +19,8 @@ _TTL_MV = 2000
 _MARKER_MV = 5000
 _FOREVER_S = 1e6
 _RECORDS = 1 << 24
+_SLOW_HZ = 5e6
+"""A faster laser's pulses are told only next to photons, where the filter is off: to tell them all takes too long."""
 
 Tags = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]
 """Times in ps since power-up and channels, in time order, both (n,)."""
@@ -35,6 +37,7 @@ class FrontPanel:
         self._instrument = T3Instrument(table.bench, GENERIC, table.repetition_hz, table.simulation.seed)
         self._decoder = T3Decoder(GENERIC)
         self._started_s = 0.0
+        self._pulled_ps = 0
         self.level_v: dict[int, float] = {}
         self.hardware_ps: dict[int, int] = {}
         """Delays by channel that come before the conditional filter."""
@@ -81,7 +84,7 @@ class FrontPanel:
 
     def begin(self, until_s: float | None) -> None:
         """What comes before is of no measurement."""
-        self._started_s = self.bench.clock.now()
+        self._started_s, self._pulled_ps = self.bench.clock.now(), 0
         self._decoder = T3Decoder(GENERIC)
         self._instrument.start(self._started_s, until_s or self._started_s + _FOREVER_S, self._width_ps * PS)
 
@@ -112,9 +115,14 @@ class FrontPanel:
         self._drift()
         late_ps = events.format.delays(events.photons).astype(np.int64) * self._width_ps + self._width_ps // 2
         clicks = self._pulse_before(pulses * self.period_ps)[0] + late_ps + self.hardware_ps.get(detector, 0)
+        told_ps = self.told_ps() - round(self._started_s / PS)
         # The filter lets the pulse after a photon through, once where several photons came before it.
         last, following = self._pulse_before(clicks - self.hardware_ps.get(sync, 0))
-        lasers = np.unique(following if sync in self.filtered else last) + self.hardware_ps.get(sync, 0)
+        lasers = np.unique(following if sync in self.filtered else last)
+        if sync not in self.filtered and self.sync_hz <= _SLOW_HZ and self._changed_s == math.inf:
+            lasers = np.arange(-(-self._pulled_ps // self.period_ps), -(-told_ps // self.period_ps)) * self.period_ps
+        self._pulled_ps = told_ps
+        lasers = lasers + self.hardware_ps.get(sync, 0)
         clicks, lasers = (
             since_ps + each + self.software_ps.get(channel, 0) for each, channel in ((clicks, detector), (lasers, sync))
         )

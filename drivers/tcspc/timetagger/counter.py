@@ -132,7 +132,7 @@ class TimeTagger(UnwatchedCounter):
             raise LimitError(self._device, "no marks of the mirror are wired to it.", "Set mirror_steps: true.")
         if trigger is not Trigger.HOST and len(set(dwells_s)) != 1:
             raise LimitError(self._device, "points stepped by a clock have one dwell.", "Use a uniform dwell.")
-        sync_hz = self.tagger.rates().sync_hz
+        sync_hz = self.tagger.laser_hz()
         self.tagger.filter_sync(sync_hz)
         width_ps, first = round(axis.bin_width_s / PS), round(axis.offset_s / axis.bin_width_s)
         bins = max(first + axis.bins, -(-round(1 / (sync_hz * PS)) // width_ps))

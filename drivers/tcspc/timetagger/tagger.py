@@ -26,6 +26,8 @@ from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 PACKAGE = "Swabian.TimeTagger"
 PS = 1e-12
 _RATE_S, _QUICK_S = 0.1, 0.01
+_SLOW_HZ = 3e6
+"""Up to here all laser pulses of a tenth of a second cross the USB cable; above, a meter is right to a picosecond."""
 _LEVEL_STEP_MV = 20
 """No model's levels are further apart."""
 _MORE_S = 0.5
@@ -159,12 +161,38 @@ class Tagger:
         sync_hz, detector_hz = self._count([self._settings.sync.channel, self._settings.detector.channel], _RATE_S)
         return CountRates(sync_hz, detector_hz)
 
+    def laser_hz(self) -> float:
+        """The laser's rate, by which its pulses are dated back. A meter counts whole pulses: of a slow laser, one more
+        or less is 10 ps of the period at 1 MHz, and 1 ns at 0.1 MHz; there the pulses' own times tell. Raises
+        `SyncLost` where they do not agree."""
+        counted_hz = self.rates().sync_hz
+        if not 0 < counted_hz <= _SLOW_HZ:
+            return counted_hz
+        stream = self.measurement("TimeTagStream", round(2 * counted_hz * _RATE_S) + 100, [self._settings.sync.channel])
+        self._run(stream, _RATE_S)
+        times_ps = self.read(self.call("getData", stream.getData), "getTimestamps").astype(np.int64)
+        if len(times_ps) < 2:
+            return counted_hz
+        timed_hz = (len(times_ps) - 1) / (int(times_ps[-1] - times_ps[0]) * PS)
+        if abs(timed_hz - counted_hz) > 2 / _RATE_S:
+            raise SyncLost(
+                self.device,
+                f"input {self._settings.sync.channel} (sync) has {counted_hz:.0f} Hz by count and {timed_hz:.0f} Hz by "
+                "the times of its pulses.",
+                "Let the laser settle; check sync cable and sync.level_mv: pulses may be missed, or come twice.",
+            )
+        return timed_hz
+
     def detector_hz(self) -> float:
         """The detector's alone, whatever is being measured: the filter stays."""
         return self._count([self._settings.detector.channel], _QUICK_S)[0]
 
     def _count(self, channels: list[int], seconds: float) -> list[float]:
         meter = self.measurement("Countrate", channels)
+        self._run(meter, seconds)
+        return [float(each) for each in self.read(meter)]
+
+    def _run(self, meter: Any, seconds: float) -> None:
         self.call("startFor", meter.startFor, round(seconds / PS))
         deadline_s = self._clock.now() + seconds + _MORE_S
         self._clock.sleep(seconds)
@@ -174,7 +202,6 @@ class Tagger:
                     self.device, f"it still counts {_MORE_S:g} s after the {seconds:g} s it was asked for."
                 )
             self._clock.sleep(0.002)
-        return [float(each) for each in self.read(meter)]
 
     def filter_sync(self, sync_hz: float) -> None:
         """Only the laser pulse that follows a photon is sent on, dated back by one period to the one that made it: the

@@ -136,7 +136,9 @@ def test_a_laser_that_changes_its_rate_while_points_are_taken_is_named_with_both
     counter = TimeTagger.open(settings, bench.clock, package)
     assert [point.total_count for point in taken(counter, bench)] == [80] * 3
     bench.faults.add(Fault(name="T4", after_s=bench.clock.now() + 0.11, parameters={"times_hz": 0.98}))
-    with pytest.raises(SyncLost, match=r"input 1 \(sync\) had 10000000 Hz .* 97999.. Hz .* up to 2041 ps off"):
+    with pytest.raises(
+        SyncLost, match=r"input 1 \(sync\) had 10000000 Hz .* (97999..|9800000) Hz .* up to 2041 ps off"
+    ):
         taken(counter, bench)
     assert len(taken(counter, bench)) == 3  # of one rate again
     counter.close()
