@@ -4,6 +4,7 @@ blind. It holds for every dead time that outlasts the record and is over before 
 import logging
 from dataclasses import dataclass
 from enum import Enum
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +51,20 @@ class FirstClick:
         return self.blindness in (Blindness.POSSIBLE, Blindness.SEEN)
 
 
+_FOUND: WeakKeyDictionary[RawPoints, FirstClick] = WeakKeyDictionary()
+"""Of scans that are still held: measuring, correcting and drawing one ask the same."""
+
+
 def first_click(raw: RawPoints) -> FirstClick:
     """Whether more than 5 % of some point's pulses click, and then whether one click a pulse explains them: even light
     (ambient, dark counts) is as bright after a pulse as before it, and clicks less while the detector is blind."""
+    if raw not in _FOUND:
+        _FOUND[raw] = _looked_for(raw)
+    return _FOUND[raw]
+
+
+def _looked_for(raw: RawPoints) -> FirstClick:
+    """`first_click` of a scan that was not asked yet."""
     share = clicks_per_pulse(raw)
     if not share.max(initial=0) > PILE_UP:
         return FirstClick(Blindness.NOT_DOUBTED)

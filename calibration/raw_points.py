@@ -18,9 +18,10 @@ LOWEST_PLATEAU = 30
 """Below this many counts, bins of equal content lie side by side by chance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RawPoints:
-    """N histograms, where and how long they were taken. Laser pulses and clicks are 0 where the source has none."""
+    """N histograms, where and how long they were taken. Laser pulses and clicks are 0 where the source has none. One is
+    equal to itself alone, so that what was found of it can be kept."""
 
     counts: npt.NDArray[np.generic]  # (N, T)
     x_m: Floats  # (N,)

@@ -1,6 +1,9 @@
 """Pile-up of a dead time that nobody knows, photon by photon: what is hidden comes back, and doubts are said."""
 
+import gc
 import logging
+import weakref
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -90,6 +93,16 @@ def test_few_clicks_are_left_as_they_are() -> None:
     raw = clicks_of(77e-9, 0.02, 0.001, 1e4)
     assert first_click(raw).blindness is Blindness.NOT_DOUBTED
     assert undo_dead_time(raw, None)[0] is raw.counts
+
+
+def test_a_scan_is_asked_once_and_kept_no_longer_than_it_is_held() -> None:
+    raw = clicks_of(77e-9, 2.0, 0.1, 1e6)
+    found, held = first_click(raw), weakref.ref(raw)
+    assert first_click(raw) is found
+    assert first_click(replace(raw, sync_count=100 * raw.sync_count)).blindness is Blindness.NOT_DOUBTED
+    del raw
+    gc.collect()
+    assert held() is None
 
 
 def test_bins_for_which_no_pulse_is_left_and_points_without_pulses() -> None:
