@@ -19,6 +19,7 @@ from nlos.calibration.direct_reflection import DirectLight, find_direct_light, k
 from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
 from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.second_pulse import doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
@@ -133,7 +134,10 @@ def correct_points(
     counts = subtract_dark(counts, raw, constants)
     dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
-    return _finish(raw, _Timed(counts, variance, arrival, background, offsets), remove_direct=remove_direct)
+    done = _finish(raw, _Timed(counts, variance, arrival, background, offsets), remove_direct=remove_direct)
+    if offsets is not None and remove_direct:
+        doubt_second_pulse(second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
+    return done
 
 
 def correct(
