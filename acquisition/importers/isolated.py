@@ -33,6 +33,11 @@ DEADLINE_S, BYTES_PER_S = 30.0, 10e6
 MEMORY_BYTES = 24 << 30
 """Address space of the child: three times the largest scan that is read, and what Python and its libraries map."""
 
+START_DEADLINE_S = 120.0
+"""A start takes a second; of a machine that is short of memory, or of a Python on a slow share, many."""
+
+_NOT_STARTED = "no process could be started to read files in"
+_MAKE_ROOM = "Nothing is known of the file. End other programs, and call again."
 _CHILD = "nlos.acquisition.importers.isolated_child"
 
 
@@ -46,6 +51,10 @@ class NoScan(InvalidData):
 
 class ReaderDied(InvalidData):
     """The child crashed on a file, or ran out of time or memory: whatever the file is, nobody should read it here."""
+
+
+class ReaderNotStarted(StorageError):
+    """There is no process to read files in. It says nothing about any file."""
 
 
 class IsolatedReader:
@@ -122,16 +131,9 @@ class IsolatedReader:
     def _exchange(self, request: str, deadline_s: float) -> str:
         """One line to the child and one back; empty where it died or had to be killed after the deadline."""
         if self._child is None or self._child.poll() is not None:
-            self.close()
-            self._child = subprocess.Popen(
-                [sys.executable, "-P", "-m", _CHILD, str(self._memory_bytes)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-                encoding="utf-8",
-            )
+            self._start()
         child = self._child
+        assert child is not None
         assert child.stdin is not None
         assert child.stdout is not None
         timer = threading.Timer(deadline_s + 10.0, child.kill)  # the child ends itself, but where it has no timer
@@ -145,6 +147,33 @@ class IsolatedReader:
             return ""
         finally:
             timer.cancel()
+
+    def _start(self) -> None:
+        """Raises `ReaderNotStarted` where the child does not come as far as its first request."""
+        self.close()
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-P", "-m", _CHILD, str(self._memory_bytes)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                encoding="utf-8",
+            )
+        except OSError as error:
+            raise ReaderNotStarted(f"{_NOT_STARTED} ({error.strerror}). {_MAKE_ROOM}") from error
+        assert self._child.stdout is not None
+        timer = threading.Timer(START_DEADLINE_S, self._child.kill)
+        timer.daemon = True
+        try:
+            timer.start()
+            ready = self._child.stdout.readline()
+        finally:
+            timer.cancel()
+        if not ready:
+            code = self._child.wait()
+            self.close()
+            raise ReaderNotStarted(f"{_NOT_STARTED} (it ended with {code}). {_MAKE_ROOM}")
 
 
 def read_isolated(path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:

@@ -1,7 +1,8 @@
 """The child that reads files from outside: whatever a damaged file does to a parser, it does it here.
 
-One line of JSON in, arrays into a folder of the parent's, one line of JSON out. The child has a memory limit, and ends
-itself where one file takes longer than it may, whether or not the parent still lives.
+A line that says that it is ready; then one line of JSON in, arrays into a folder of the parent's, one line of JSON
+out. The child has a memory limit, and ends itself where one file takes longer than it may, whether or not the parent
+still lives.
 """
 
 import importlib
@@ -24,8 +25,9 @@ from nlos.acquisition.response import as_json
 
 
 def main(requests: IO[str], answers: IO[str], memory_bytes: int) -> None:
-    """Answers until the requests end."""
+    """Says that it is there, and answers until the requests end."""
     _limit(memory_bytes)
+    print("ready", file=answers, flush=True)
     for line in requests:
         request = json.loads(line)
         if hasattr(signal, "setitimer"):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.recording.header import FORMAT
+from nlos.acquisition.recording.no_such_file import meant_by, no_such_file
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _FIRST_BYTES, _HEAD_BYTES = 1 << 16, 8 << 20
@@ -43,6 +44,7 @@ def magic_of(path: Path) -> bytes:
 def check_is_file(path: Path) -> None:
     """Raises `FileNotFoundError`, or `IsADirectoryError` for a folder."""
     if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder. Name a file in it. One histogram a file? {how_to_convert()}")
+        meant = meant_by(path) or f"Name a file in it. One histogram a file? {how_to_convert()}"
+        raise IsADirectoryError(f"{path}: is a folder. {meant}")
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+        raise no_such_file(path)

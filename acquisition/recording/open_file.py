@@ -13,6 +13,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.file_bytes import HdfBytes
 from nlos.acquisition.recording.header import has_identity, plain_dataset, read_header, read_plan
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS
+from nlos.acquisition.recording.no_such_file import no_such_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 from nlos.acquisition.recording.stored_rows import StoredRows
@@ -37,7 +38,7 @@ def open_scan_file(path: Path, *, writable: bool = False) -> ScanFile:
     """Raises `FileNotFoundError`, `InvalidData` where `path` is no complete scan file, `StorageError` where the disk
     does not give its beginning back: then nobody knows what it is."""
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+        raise no_such_file(path)
     try:
         handle = io.FileIO(path, "r+" if writable else "r")
     except OSError as error:

@@ -74,3 +74,39 @@ def test_lines_about_a_file_of_an_archive_name_it_and_seconds_are_the_methods(
         assert 0 < row["method_seconds"] < row["seconds"]
         assert f"out/{row['folder']}: reconstruction.h5" in told
         assert f"({row['method']}, {row['method_seconds']:.2f} s)" in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "info RUN", "verify RUN", "recover RUN -o new.h5", "report RUN", "export RUN --to npz", "replay RUN",
+        "serve RUN", "reconstruct RUN -o out", "calibrate RUN", "import RUN -o new.h5",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "there"), [("run", "run.h5"), ("Run.h5", "run.h5"), ("ru.h5", "run.h5"), ("d", "d.h5")]
+)
+def test_a_run_that_is_not_there_is_told_with_the_one_that_is(
+    words: str, given: str, there: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("d").mkdir()  # as results lie beside their recording
+    Path(there).touch()
+    assert f"Did you mean {there}?" in said(words.replace("RUN", given).split(), capsys, 2)
+
+
+def test_nothing_is_offered_that_is_not_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "run.h5").touch()
+    (tmp_path / "other.h5").mkdir()
+    assert "Did you mean" not in said(["info", str(tmp_path / "other")], capsys, 2)
+    assert "Did you mean" not in said(["info", str(tmp_path / "gone" / "run")], capsys, 2)
+
+
+@pytest.mark.parametrize("name", ["new", "new.txt", "new.npz"])
+def test_what_recover_writes_is_called_a_recording(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded = scan_texts.recorded(tmp_path, scan_texts.EIGHT_BY_EIGHT)
+    told = said(["recover", str(recorded), "-o", str(tmp_path / name)], capsys, 2)
+    assert "a recording is written as .h5, .hdf5" in told
+    assert not (tmp_path / name).exists()

@@ -287,3 +287,17 @@ def test_the_page_has_a_card_and_a_picture_for_each_and_runs_no_script_of_a_note
     assert 'href="hat.h5"' in html
     assert "<script" not in html
     assert "words <b>" not in html
+
+
+def test_a_reader_that_does_not_start_makes_no_recording_unreadable(
+    three: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "executable", "/nowhere/python")
+        assert run(["runs", "--folder", str(three), "--rebuild"]) == 6
+    said = capsys.readouterr()
+    assert "no process could be started to read files in" in said.err
+    assert run(["runs", "--folder", str(three), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])["runs"]
+    assert len(found) == 3
+    assert "unreadable" not in {each["status"] for each in found}

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from nlos.acquisition.importers.own_data import how_to_convert
+from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.archive_crew import Crew
 from nlos.cli.archive_on_dask import connected
 from nlos.cli.archive_on_this_machine import begun_when_worth_it, processes_of
@@ -38,7 +39,7 @@ def files_of(runs: Sequence[Path]) -> list[Path]:
     for run in runs:
         inside = _scans_in(run) if run.is_dir() else [run]
         if not inside:
-            raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)}). {how_to_convert()}")
+            raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)}). {meant_by(run) or how_to_convert()}")
         files += [path for path in inside if not path.name.startswith(".")]
     return list(dict.fromkeys(files))
 

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.acquisition.recording.read_by_child import check_says_recording
 from nlos.acquisition.recording.writer_lock import is_locked
 from nlos.bench_constants import NONE
@@ -107,7 +108,7 @@ def live(
             url = f"http://127.0.0.1:{number}/{token}/"
             terminal.result(url, url=url)
         for run in awaited:
-            terminal.log(f"waiting for {run}")
+            terminal.log(f"waiting for {run}" + (f". {meant}" if (meant := meant_by(run)) else ""))
         threading.Thread(target=end_when_idle, daemon=True).start()
         server.run()
     finally:

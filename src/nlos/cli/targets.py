@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
 
 RECORDINGS = (".h5", ".hdf5")
@@ -52,7 +53,7 @@ def names_of(files: Sequence[Path]) -> list[str]:
 def refuse_folder(path: Path) -> None:
     """Raises `IsADirectoryError` for a folder where a file is to be named."""
     if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder. Name a file in it.")
+        raise IsADirectoryError(f"{path}: is a folder. {meant_by(path) or 'Name a file in it.'}")
 
 
 def _check_kind(path: Path, suffixes: tuple[str, ...], what: str) -> None:

@@ -90,6 +90,8 @@ class RunsIndex:
             self._base.close()
             self._base = made(self.place)
             return self._update()
+        except StorageError:
+            raise  # there is no process to read recordings in: the index is as good as before
         except (OSError, sqlite3.Error) as error:
             raise self._trouble("written", error) from error
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.importers.isolated import IsolatedReader
+from nlos.acquisition.importers.isolated import IsolatedReader, ReaderNotStarted
 from nlos.acquisition.importers.magic import is_recording
 from nlos.runs.database import Row
 from nlos.runs.query import OTHER, UNREADABLE, utc_time
@@ -44,6 +44,8 @@ def _row(reader: IsolatedReader, folder: Path, path: str, stamp: Stamp) -> Row:
         if not is_recording(full):
             raise InvalidData("another HDF5 file")
         said = reader.ask(full, _READER)
+    except ReaderNotStarted:
+        raise  # of this computer, and no word about the file
     except (InvalidData, StorageError, OSError) as error:
         kind = UNREADABLE if _may_be_one(full) else OTHER
         said = {"status": UNREADABLE, "trouble": str(error)}

@@ -1,6 +1,7 @@
 """A damaged file can crash, exhaust or hang only the child that reads it."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.exporters.matlab import write_matlab
 from nlos.acquisition.exporters.npz import write_npz
 from nlos.acquisition.exporters.ptu import write_ptu
@@ -73,3 +74,16 @@ def test_damaged_files_give_a_message_that_names_them(suffix: str, tmp_path: Pat
                 messages.append(str(error))
     assert messages
     assert all(f"damaged{suffix}" in message for message in messages)
+
+
+@pytest.mark.parametrize("python", ["/nowhere/python", "/bin/false"])
+def test_a_child_that_does_not_start_says_nothing_about_the_file(
+    python: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "scan.h5")
+    with IsolatedReader() as reader:
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "executable", python)
+            with pytest.raises(StorageError, match="no process could be started"):
+                reader.read(path)
+        assert reader.read(path).direct_cut_bins == 3
