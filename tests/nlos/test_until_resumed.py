@@ -46,6 +46,7 @@ def held(path: Path) -> dict[int, bytes]:
         return {sample.point.number: sample.histogram.counts.tobytes() for sample in recording.samples()}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("text", [GRID, TWO_PASS, ADAPTIVE], ids=["grid", "two_pass", "adaptive"])
 def test_a_scan_that_ended_by_its_picture_takes_nothing_more_unless_more_is_asked(tmp_path: Path, text: str) -> None:
     (tmp_path / "scan.yaml").write_text(text)
@@ -72,6 +73,7 @@ def test_its_picture_is_left_where_it_is_or_made_where_there_is_none(tmp_path: P
         assert (tmp_path / "run" / "reconstruction.h5").exists()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("text", "level", "after_s", "again"),
     [(GRID, "0.1", 0.35, 0), (TWO_PASS, "0.3", 0.6, 0), (TWO_PASS, "0.3", 0.8, 3)],
