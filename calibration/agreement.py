@@ -6,9 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import GeometryFit
+from nlos.calibration.matched_filter import neighbours
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.spots_fit import PlacedScanner
 from nlos.calibration.wall_timing import WallTiming, fit_wall_timing
@@ -19,6 +21,10 @@ _DOUBT, _SURE = 3.0, 4.0
 _SMALLEST_M = 2e-3
 _BESIDE_M = 5e-3
 """Points that landed further from where they were aimed put a picture elsewhere."""
+_BESIDE, _FEWEST = 4, 25
+"""Neighbours of a point that are looked at, and points that tell."""
+_UNEVEN_S = 3e-12
+"""What neighbours share of their distance from a plane: half a millimetre puts the scanner centimetres elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -76,3 +82,25 @@ def disagreements(placed: PlacedScanner, landed: Landed, aimed: WallTiming, raw:
                 "wrong. Mark spots (`nlos jog`) and calibrate with --spots before these constants are used"
             )
     return found
+
+
+def uneven(offsets: TimeOffsets, x_m: Floats, y_m: Floats) -> list[str]:
+    """What to say where neighbouring points are off the plane wall's times alike, which chance does not make them: then
+    the errors of the fit, for which each point is off on its own, are too small."""
+    if offsets.wall is None:
+        return []
+    good = offsets.found & offsets.wall.accepted
+    if good.sum() < _FEWEST:
+        return []
+    off_s = offsets.residual_bins[good] * offsets.bin_width_s
+    beside_s = off_s[neighbours(x_m[good], y_m[good], 1 + _BESIDE)[:, 1:]].mean(axis=1)
+    shared_s2 = float(np.mean(off_s * beside_s))
+    by_chance_s2 = float(np.mean(off_s**2)) / np.sqrt(len(off_s) * _BESIDE / 2)
+    if not shared_s2 > max(_UNEVEN_S**2, _SURE * by_chance_s2):
+        return []
+    shared_s = float(np.sqrt(shared_s2))
+    return [
+        f"direct times are {shared_s * 1e12:.0f} ps ({shared_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3:.1f} mm) off a plane "
+        "wall's, alike at neighbouring points: the wall is curved or has steps, or time zero drifted. Scanner, wall "
+        "and delay are farther off than their errors say. Aim at a plane part, or have the scanner's place by spots"
+    ]

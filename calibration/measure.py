@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.aim import Aim
 from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
-from nlos.calibration.agreement import disagreements, landed_at, off_its_aim
+from nlos.calibration.agreement import disagreements, landed_at, off_its_aim, uneven
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.background import dark_rate_per_bin, quiet_before, sum_where
@@ -133,6 +133,8 @@ def measure_constants(
         warnings, off_aim = disagreements(placed, landed, offsets.wall, raw), off_its_aim(placed, landed, raw)
         if spots is not None and landed.wall is not None:  # scans that these constants aim arrive where they are sent
             arrivals = _arrivals(raw, offsets, landed.wall, landed.x_m, landed.y_m)
+    if not warnings and not off_aim:
+        warnings = uneven(offsets, raw.x_m, raw.y_m)
     found = replace(
         found,
         arrivals=arrivals,
