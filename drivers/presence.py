@@ -44,6 +44,11 @@ def usb_presence(ids: tuple[int, int], wanted: str, udev_rule: str, plugged_in: 
     """Of a USB device with these vendor and product ids; `wanted` is "auto" or its serial number."""
     matching = [each for each in plugged_in if (each.vendor_id, each.product_id) == ids]
     serials = [each.serial_number for each in matching if each.readable]
+    named = [each for each in matching if each.readable and each.serial_number == wanted]
+    if len(named) > 1:
+        return Presence(False, f"there are {len(named)} with serial number {wanted}", "Unplug those not meant.")
+    if named:
+        return Presence(True, f"{named[0].product} {wanted}")
     if any(not each.readable for each in matching):
         return Presence(False, "this user may not open it", f"Put into {RULES_FILE}: {udev_rule} ({RELOAD}).")
     if not matching:
@@ -51,10 +56,10 @@ def usb_presence(ids: tuple[int, int], wanted: str, udev_rule: str, plugged_in: 
         return Presence(False, f"no USB device {ids[0]:04x}:{ids[1]:04x}", remedy)
     if wanted == "auto" and len(serials) > 1:
         return Presence(False, "there are several", f"Name one: {_listed(set(serials))}.")
-    if wanted not in ("auto", *serials):
+    if wanted != "auto":
         what = f"another one is plugged in: {_listed(set(serials))}"
         return Presence(False, what, "Plug in the one that is named, or correct `usb`.")
-    return Presence(True, f"{matching[0].product} {wanted if wanted != 'auto' else serials[0]}")
+    return Presence(True, f"{matching[0].product} {serials[0]}")
 
 
 def usb_not_searched(error: DeviceError) -> Presence:

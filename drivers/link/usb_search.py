@@ -42,7 +42,10 @@ def find_usb(device: str, vendor_id: int, product_id: int, serial: str | None, b
     if not found:
         raise DeviceNotFound(device, f"no USB device {ids} is plugged in.", "Check cable and power.")
     if len(found) > 1:
-        raise DeviceNotFound(device, f"{len(found)} USB devices {ids}.", "Name one by its serial number.")
+        numbers = ", ".join(sorted(str(_serial_of(each) or "not readable") for each in found))
+        raise DeviceNotFound(
+            device, f"{len(found)} USB devices {ids} ({numbers}).", "Name one by its serial number as `usb`."
+        )
     return found[0]
 
 
