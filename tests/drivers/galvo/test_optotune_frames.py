@@ -1,8 +1,12 @@
 """Frames of the Optotune's Pro mode that are nearly right."""
 
+from collections.abc import Callable
+
 import pytest
 
 from nlos.drivers.galvo.optotune import wire
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
 
 
 def framed(content: bytes) -> bytes:
@@ -22,3 +26,17 @@ def test_a_position_a_little_off_the_disc_is_one_and_farther_off_is_none() -> No
     for x in (b"\x3f\xa0\x00\x00", b"\x7f\xc0\x00\x00"):  # 1.25, not a number
         with pytest.raises(ValueError, match="off the unit disc"):
             wire.decode_position(b"\0\2" + x + bytes(4))
+
+
+def test_the_dialogues_that_the_vendor_s_kit_shows_are_the_simulated_controller_s(
+    dark_bench: Callable[..., SimulatedBench],
+) -> None:
+    """Byte by byte: a board in Simple mode that is sent the frame which ends Pro mode, and one register read."""
+    firmware = OptotuneFirmware(dark_bench())
+    for said, answered in (
+        (b"~\x00\x06\x02\x00\x00\x00\x00~", b""), (b"Start\r\n", b"NO\r\n"), (b"Start\r\n", b"OK\r\n"),
+        (b"GoPro\r\n", b"OK\r\n"), (b"~\x00\x11\x02P\x01\x00\x00~", b"~\x00\x11\x04\x00\x00\x00\x00\xf2\x81~"),
+    ):  # fmt: skip
+        assert firmware.receive(said, 0.0) == answered, said
+    assert wire.to_simple() == b"~\x00\x06\x02\x00\x00\x00\x00~"
+    assert wire.get_registers(0x5001) == b"~\x00\x11\x02P\x01\x00\x00~"
