@@ -91,5 +91,13 @@ function turnable(canvas, paper) {
     self.redraw();
   });
   canvas.addEventListener("wheel", e => { e.preventDefault(); zoom = Math.min(20, Math.max(.2, zoom * Math.exp(-e.deltaY * .001))); self.redraw(); }, {passive: false});
+  const turned = {ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], ArrowDown: [0, 12]}, zoomed = {"+": 1.15, "-": 1 / 1.15};
+  canvas.tabIndex = 0; canvas.addEventListener("keydown", e => { // what the pointer does, in steps
+    if (e.ctrlKey || e.metaKey || e.altKey) return; const by = turned[e.key];
+    if (by && e.shiftKey) { shift[0] += by[0]; shift[1] += by[1]; }
+    else if (by) { turn += by[0] * .008; tilt = Math.min(Math.max(tilt + by[1] * .008, -1.57), 1.57); }
+    else if (zoomed[e.key]) zoom = Math.min(20, Math.max(.2, zoom * zoomed[e.key])); else if (e.key === "Home") self.startOver(); else return;
+    e.preventDefault(); e.stopPropagation(); self.redraw();
+  });
   canvas.addEventListener("dblclick", self.startOver); self.startOver(); return self;
 }

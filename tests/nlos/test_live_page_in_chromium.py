@@ -756,3 +756,45 @@ def test_a_report_on_two_scans_sets_them_side_by_side(folder: Path, browser: Any
         "run.h5, LCT less dim.h5, LCT", "run.h5, LCT less run.h5, FK",
     ]  # fmt: skip
     page.close()
+
+
+def test_the_page_is_used_by_keys_alone_and_told_to_who_cannot_see_it(viewer: str, browser: Any) -> None:
+    page, complaints = opened(browser, viewer)
+    page.wait_for_selector('body[data-picture="256"]')
+    page.keyboard.press("4")
+    for name in ("Front view", "Depth", "Count rate|count rate", "Histogram"):
+        assert page.get_by_role("img", name=re.compile(name)).count() == 1, name
+    assert page.get_by_role("button", name="Side by side", pressed=True).count() == 1
+    assert page.get_by_role("button", name="Depth", pressed=False).count() == 1
+    stops = set()
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        stops.add(page.evaluate("document.activeElement.id"))
+        here = page.evaluate("[document.activeElement.tagName, getComputedStyle(document.activeElement).outlineWidth]")
+        assert here[0] == "BODY" or here[1] == "2px"
+    assert {"map", "time", "log", "scale", "help"} <= stops
+    page.focus("#map")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("ArrowRight")
+    shows(page, "mapsay", r"^x -?\d\.\d+ m, y -?\d\.\d+ m: ")
+    place = page.text_content("#mapsay").partition(" m:")[0].replace(" m,", ",")
+    shows(page, "histotitle", "^Histogram at " + re.escape(place) + r" m \(kept")
+    page.keyboard.press("Escape")
+    shows(page, "histotitle", "last point")
+    while page.evaluate("document.activeElement.id") != "scale":
+        page.keyboard.press("Tab")
+    page.keyboard.press("Space")  # a button that one came to is pressed, and does not play the scan
+    shows(page, "scale", "linear")
+    page.keyboard.press("3")
+    page.wait_for_selector("#volume")
+    page.wait_for_timeout(500)
+    seen = [page.evaluate("document.getElementById('volume').toDataURL()")]
+    page.focus("#volume")
+    for key in ("ArrowLeft", "+", "Shift+ArrowUp", "Home"):
+        page.keyboard.press(key)
+        page.wait_for_timeout(100)
+        seen.append(page.evaluate("document.getElementById('volume').toDataURL()"))
+    assert len(set(seen)) == 4
+    assert seen[0] == seen[-1]
+    assert complaints == []
+    page.close()

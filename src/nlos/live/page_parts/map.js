@@ -19,8 +19,23 @@ function nearest(known, x, y) {
 }
 function pinAt(scan, x, y) { const known = scans[scan]; if (known.plan) { chosen = scan; histogram.pinned = nearest(known, x, y); histogram.ask(); map.draw(); } }
 $("map").addEventListener("click", e => { if (map.frame) pinAt(chosen, ...map.frame.metres(e.offsetX, e.offsetY)); });
+const asides = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
+// The point to that side of one: the nearest where a step across counts thrice, so that a row is kept to.
+function aside({x, y}, from, [right, up]) {
+  let best = from, least = Infinity;
+  for (let i = 0; i < x.length; i++) {
+    const dx = x[i] - x[from], dy = y[i] - y[from], along = dx * right + dy * up, across = Math.abs(dx * up) + Math.abs(dy * right);
+    if (along > 1e-9 && along + 3 * across < least) { least = along + 3 * across; best = i; }
+  }
+  return best;
+}
+function ratesAt(known, i) { return `x ${known.plan.x[i].toFixed(3)} m, y ${known.plan.y[i].toFixed(3)} m: ` + (known.rates && Number.isFinite(known.rates[i]) ? rate(known.rates[i]) : "not measured yet"); }
+$("map").addEventListener("keydown", e => {
+  const known = scans[chosen], side = asides[e.key], from = histogram.place(); if (!side || !known || !known.plan || from === null || e.ctrlKey || e.metaKey || e.altKey) return;
+  e.preventDefault(); e.stopPropagation(); histogram.pinned = aside(known.plan, from, side); histogram.ask(); map.draw(); $("mapsay").textContent = ratesAt(known, histogram.pinned);
+});
 $("map").addEventListener("pointermove", e => {
   const known = scans[chosen]; if (!map.frame || !known.rates) return; const i = nearest(known, ...map.frame.metres(e.offsetX, e.offsetY));
-  $("mapsay").textContent = `x ${known.plan.x[i].toFixed(3)} m, y ${known.plan.y[i].toFixed(3)} m: ` + (Number.isFinite(known.rates[i]) ? rate(known.rates[i]) : "not measured yet");
+  $("mapsay").textContent = ratesAt(known, i);
 });
-$("map").addEventListener("pointerleave", () => { $("mapsay").textContent = "click a point to keep its histogram"; });
+$("map").addEventListener("pointerleave", () => { $("mapsay").textContent = "click a point, or go there by arrow keys, to keep its histogram"; });

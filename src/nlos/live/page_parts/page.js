@@ -133,7 +133,7 @@ async function tick() { // nothing is asked while nobody looks; whoever looks ag
   } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) { tell(); drawBeside(); } else { $("status").textContent = "No answer: the viewer has ended"; banner({events: []}); } }
   finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => underWay(s.state)) ? 5 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
-function look(view) { document.body.dataset.view = view; draw(); }
+function look(view) { document.body.dataset.view = view; for (const b of document.querySelectorAll("#tabs button[data-view]")) b.setAttribute("aria-pressed", b.dataset.view === view); draw(); }
 function flip(name) { if (name === "overlay") overlaid = !overlaid; else compared = !compared; tell(); draw(); }
 function other() { const names = scans[chosen].state.methods; method = method === null ? names[0] : names[names.indexOf(method) + 1] || null; tell(); draw(); }
 function theme() { const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)").matches, now = root.dataset.theme || (dark ? "dark" : "light"); root.dataset.theme = now === "dark" ? "light" : "dark"; draw(); }

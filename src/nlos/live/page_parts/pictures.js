@@ -37,11 +37,15 @@ function speedWords(v, error) { // the error is that along the way
   const speed = Math.hypot(...v), off = speed ? Math.hypot(...v.map((c, k) => c * error[k])) / speed : Math.hypot(...error);
   return error.every(c => c !== null) ? `${speed.toFixed(2)} ± ${off.toFixed(2)} m/s` : `${speed.toFixed(2)} m/s`;
 }
+function named(panel) { // to who cannot see it, the picture is called as the heading over it, with what stands under it
+  panel.canvas.setAttribute("role", "img"); panel.title.id = panel.canvas.id + "-title"; panel.say.id = panel.canvas.id + "-say";
+  panel.canvas.setAttribute("aria-labelledby", panel.title.id); panel.canvas.setAttribute("aria-describedby", panel.say.id);
+}
 class PicturePanel {
   constructor(kind, scan) {
     this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
     this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName(kind, scan); this.say = document.createElement("p"); this.say.className = "say";
-    this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
+    named(this); this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
     this.canvas.addEventListener("pointermove", e => { this.cursor = [e.offsetX, e.offsetY]; this.readOut(); });
     this.canvas.addEventListener("pointerleave", () => { this.cursor = null; this.readOut(); });
     this.canvas.addEventListener("click", e => { if (this.frame) pinAt(this.scan, ...this.frame.metres(e.offsetX, e.offsetY)); });

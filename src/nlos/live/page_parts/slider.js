@@ -44,7 +44,7 @@ function play() {
   tell();
 }
 function sliderKey(e) {
-  if ($("slider").hidden) return;
+  if ($("slider").hidden || e.key === " " && e.target.matches("button:focus-visible")) return; // who came there by keys presses it
   if (e.key === " ") { e.preventDefault(); play(); }
   else if (e.target !== $("time") && e.key === "ArrowLeft") step(-1);
   else if (e.target !== $("time") && e.key === "ArrowRight") step(1);

@@ -16,7 +16,7 @@ class TurnPanel {
     this.kind = "turn"; this.scan = scan; this.box = element("section", {className: "panel"}); this.box.dataset.kind = "turn";
     this.title = element("h2", {}); this.canvas = element("canvas", {id: panelName("turn", scan)});
     this.say = element("p", {className: "say"}); this.empty = element("div", {className: "empty"});
-    this.controls = element("div", {className: "controls say"});
+    named(this); this.controls = element("div", {className: "controls say"});
     this.box.append(this.title, this.canvas, this.say, this.controls, this.empty);
     this.view = turnable(this.canvas, () => ({back: inks.card, dim: inks.dim, grid: inks.grid}));
     this.view.say = text => { this.said = text; this.tell(); };
@@ -44,7 +44,7 @@ class TurnPanel {
   tell() {
     const p = this.picture, solid = p && p.solid, lacks = solid && ((solidly.mode === "slices" && !solid.volume) || (solidly.mode === "surface" && !solid.quads));
     this.say.textContent = this.said || (lacks ? `${p.method.toUpperCase()} makes no ${solidly.mode === "slices" ? "volume to slice" : "surface here"}: points are shown`
-      : "drag to turn, wheel to zoom" + (p ? `; ${p.method.toUpperCase()} of ${count(p.samples)} points` : ""));
+      : "drag or arrow keys to turn, wheel to zoom" + (p ? `; ${p.method.toUpperCase()} of ${count(p.samples)} points` : ""));
   }
   // Surface and volume are asked for when they are looked at.
   async need(picture) {
