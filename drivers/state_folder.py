@@ -23,11 +23,13 @@ def home_folder() -> Path:
     """The home folder of whoever runs this. Raises `FileNotFoundError` where there is none, as for a user without a
     name in a container, and for one that is another wherever a command is run."""
     try:
+        if os.environ.get("HOME") == "":
+            raise RuntimeError  # to Python it is the root folder then, where nobody looks for a trip
         home = Path.home()
     except RuntimeError:
         raise FileNotFoundError(
-            "no home folder: HOME is not set, and the system does not know this user, so nothing that outlasts the "
-            f"program, such as a trip, would be kept. Set {STATE}=/WHOLE/PATH, or HOME."
+            "no home folder: HOME is empty, or not set for a user whom the system does not know, so nothing that "
+            f"outlasts the program, such as a trip, would be kept. Set {STATE}=/WHOLE/PATH, or HOME."
         ) from None
     if not home.is_absolute():
         raise FileNotFoundError(

@@ -48,6 +48,13 @@ def test_a_user_without_a_home_is_told_and_no_scan_begins(tmp_path: Path, monkey
     assert nlos(tmp_path, "plan", str(scan)).returncode == 0
 
 
+def test_an_empty_home_is_none_and_not_the_root_of_all_folders(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(STATE)
+    monkeypatch.setenv("HOME", "")
+    with pytest.raises(FileNotFoundError, match="no home folder: HOME is empty"):
+        state_folder()
+
+
 def test_a_home_that_depends_on_where_one_is_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(STATE)
     monkeypatch.setenv("HOME", "somewhere")

@@ -15,6 +15,7 @@ import h5py
 import pytest
 
 from nlos.__main__ import run
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.run_notes import RunNotes
@@ -287,6 +288,12 @@ def test_the_page_has_a_card_and_a_picture_for_each_and_runs_no_script_of_a_note
     assert 'href="hat.h5"' in html
     assert "<script" not in html
     assert "words <b>" not in html
+
+
+def test_an_index_that_cannot_be_kept_says_where_else_it_may(three: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StorageError, match=r"cannot be kept there .*name another folder by NLOS_STATE"):
+        RunsIndex(three, tmp_path / "file" / "index.sqlite")
 
 
 def test_a_reader_that_does_not_start_makes_no_recording_unreadable(

@@ -76,7 +76,11 @@ class RunsIndex:
         self._base.close()
 
     def _trouble(self, what: str, error: Exception) -> StorageError:
-        return StorageError(f"{self.place}: the index of runs cannot be {what} ({error})")
+        said = error.strerror if isinstance(error, OSError) and error.strerror else error
+        return StorageError(
+            f"{self.place}: the index of runs cannot be {what} ({said}). Make that place writable for you, or name "
+            "another folder by NLOS_STATE."
+        )
 
     def update(self, afresh: bool = False) -> Changes:
         """Reads what is new or has changed - `afresh`: everything - and drops what is gone. Raises `StorageError`."""
