@@ -74,7 +74,10 @@ def load(kind: Kind, word: str, model: type[Model]) -> Loaded[Model]:
         text = raw.decode("utf-8")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{path}:{line}:1: byte 0x{raw[error.start]:02x} is not UTF-8 text") from error
+        column = error.start - raw.rfind(b"\n", 0, error.start)
+        raise ConfigError(
+            f"{path}:{line}:{column}: byte 0x{raw[error.start]:02x} is not UTF-8 text. Save the file as UTF-8."
+        ) from error
     try:
         return Loaded(parse(text, str(path), model), path, text)
     except ConfigError as error:

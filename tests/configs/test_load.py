@@ -115,10 +115,10 @@ def test_a_path_wins_over_a_name_and_an_unknown_name_lists_the_known_ones(tmp_pa
         find("scan", "no-such-scan")
 
 
-def test_bytes_that_are_not_text_are_refused_by_line(tmp_path: Path) -> None:
+def test_bytes_that_are_not_text_are_refused_by_line_and_column(tmp_path: Path) -> None:
     path = tmp_path / "bytes.yaml"
     path.write_bytes(b"dwell_ms: 1.0\nname: \xff\n")
-    with pytest.raises(ConfigError, match=r"bytes\.yaml:2:1: byte 0xff"):
+    with pytest.raises(ConfigError, match=r"bytes\.yaml:2:7: byte 0xff is not UTF-8 text\. Save the file as UTF-8"):
         load("scan", str(path), Demo)
 
 
