@@ -15,6 +15,9 @@ NEARLY_ALL = 0.9
 """Of the points: a wall that explains more of them is no accident of where the search for it began."""
 _MOST_STEPS = 100
 """Of a search, where 20 are usual: times that are alike at all points lead towards a scanner without end."""
+_WITHOUT_END, _FARTHEST = 1e4, 1e3
+"""Of the points' extent: where a search that came to no end begins once more, and from where on light comes to all
+points at one time, to 3 ps a metre, so that nothing tells how far away the scanner is."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,8 @@ def fit_wall_timing(
     to the same points before, `near`, is where to begin if it explained nearly all of them.
 
     `error_s` (N,) are the arrivals' own standard errors, infinite where there is none. Returns None where fewer than
-    nine points are left or they do not span the wall, so that position and delay cannot be told apart.
+    nine points are left, they do not span the wall, or light comes to all at one time, so that position and delay
+    cannot be told apart.
     """
     usable = np.isfinite(arrival_s) & np.isfinite(error_s)
     if usable.sum() < FEWEST_POINTS:
@@ -71,7 +75,8 @@ def fit_wall_timing(
     if near is not None and near.accepted[usable].mean() > NEARLY_ALL:
         starts = [np.array([*near.scanner_position_m, 0.0])]
     best = None
-    for start in starts:
+    while starts:
+        start = starts.pop(0)
         start[2] = max(start[2], bounds[0][2])
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
         fit = scipy.optimize.least_squares(
@@ -80,6 +85,8 @@ def fit_wall_timing(
         )  # fmt: skip
         if best is None or fit.cost < best.cost:
             best = fit
+        if not starts and best.nfev >= _MOST_STEPS and start[2] < _WITHOUT_END * extent:
+            starts = [np.array([*origin, _WITHOUT_END * extent, 0.0])]
     assert best is not None
     accepted, solution = usable, best.x
     for _ in range(4):
@@ -98,7 +105,7 @@ def fit_wall_timing(
     off = residuals(solution, accepted)
     jacobian = slopes(solution, accepted)
     information = jacobian.T @ jacobian
-    if np.linalg.cond(information) > 1e15:
+    if solution[2] > _FARTHEST * extent or np.linalg.cond(information) > 1e15:
         return None
     to_seconds = np.diag([1.0, 1.0, 1.0, 2 / SPEED_OF_LIGHT_M_PER_S])
     scatter = float((off**2).sum() / max(len(off) - 4, 1))

@@ -75,6 +75,17 @@ def test_the_errors_of_a_walls_fit_are_the_spread_of_many_fits() -> None:
     assert np.mean([fit.rms_s for fit in fits]) == pytest.approx(scatter_s, rel=0.05)
 
 
+@pytest.mark.parametrize("side", [4, 9, 16])
+@pytest.mark.parametrize("scatter_s", [0.0, 1e-15, 1e-13])
+def test_times_that_are_alike_at_all_points_tell_no_wall(side: int, scatter_s: float) -> None:
+    """Whatever the rounding: a search that was broken off on its way had been taken for a wall 16 m away."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-0.9, 0.9, side)] * 2))
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        times_s = 1e-9 + rng.normal(0, scatter_s, len(x)) + rng.normal(0, 1e-18, len(x))
+        assert fit_wall_timing(times_s, np.full(len(x), 1e-13), x, y) is None
+
+
 def test_the_delay_counts_from_the_sync_wherever_the_record_starts(raw_scan: RawScan) -> None:
     parts = (raw_scan.counts, raw_scan.x_m, raw_scan.y_m)
     early = measure_time_offsets(*parts, TimeAxis(512, raw_scan.bin_width_s)).wall

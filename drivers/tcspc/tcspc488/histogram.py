@@ -101,7 +101,8 @@ class Tcspc488:
         commands = axis_commands(self._device, axis, self.instrument.capacity) | stop_commands(self._device, axis, stop)
         with self.instrument.errors_named():
             self.instrument.setup.apply(commands)
-            self.instrument.restore({})
+            if self._axis is not None:  # since it was set up first, it may have been switched off and on
+                self.instrument.restore({})
         self._axis, self._stops = axis, stop is not None
         if self.instrument.look()[0].tripped:
             self.instrument.tripped(())
