@@ -11,6 +11,7 @@ import pytest
 
 from nlos.__main__ import run
 from nlos.by_hand.light import LightOnRequest
+from nlos.cli.exit_codes import ExitCode
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
 from nlos.drivers.partial_bench import open_partial_bench
@@ -95,19 +96,30 @@ def test_light_by_hand_that_outlasted_its_time_while_its_program_was_stopped_is_
 ) -> None:
     """SIGSTOP and SIGCONT, as of a computer that sleeps. The timer closes it as the program goes on, by when there was
     light for longer than was asked: no success."""
-    bench_file(tmp_path, name)
-    child, began_s = FORK.Process(target=point_in_a_child, args=(tmp_path,)), time.monotonic()
+    for attempt in range(4):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        code = stopped_with_light(folder, name, stopped_s)
+        assert "shutter closed" in witnessed(folder)
+        if code != ExitCode.DEADLINE:  # stopped within an exchange with the instrument, whose answer is late then
+            break
+    assert code == ExitCode.REFUSED
+    assert said in (folder / "said.txt").read_text()
+
+
+def stopped_with_light(folder: Path, name: str, stopped_s: float) -> int | None:
+    """The exit code of a `point` that was stopped for so long with its light on."""
+    bench_file(folder, name)
+    child, began_s = FORK.Process(target=point_in_a_child, args=(folder,)), time.monotonic()
     child.start()
     try:
-        while "shutter open" not in witnessed(tmp_path):
+        while "shutter open" not in witnessed(folder):
             time.sleep(0.02)
             assert time.monotonic() - began_s < 60
         os.kill(child.pid or 0, signal.SIGSTOP)
         time.sleep(stopped_s)
-        assert witnessed(tmp_path)[-1] == "shutter open"
+        assert witnessed(folder)[-1] == "shutter open"
     finally:
         os.kill(child.pid or 0, signal.SIGCONT)
         child.join()
-    assert "shutter closed" in witnessed(tmp_path)
-    assert child.exitcode == 4
-    assert said in (tmp_path / "said.txt").read_text()
+    return child.exitcode
