@@ -9,7 +9,7 @@ from nlos.acquisition.planning.aim import Aiming
 from nlos.by_hand.keys import Keys
 from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.reach import Reach
-from nlos.by_hand.stops import Stops
+from nlos.by_hand.stops import BY_CTRL_Z, Stops
 from nlos.by_hand.watching import DWELL_S, Reading, Watch
 from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -76,6 +76,7 @@ class Hand:
         """One gate, and the direct peak in the last second's. Raises `DeviceError` with the light as it is."""
         self._meanwhile()
         if self.stops.wanted:
+            self.light.end(BY_CTRL_Z)  # it may have come since, or a key with it
             self.stops.stop()
             self._meanwhile()
         if self.watch is None:
@@ -150,7 +151,7 @@ class Hand:
         if self.bench.mirror is not None:
             self.bench.mirror.look()
         if self.stops.wanted:
-            self.light.end("Ctrl-Z in the terminal")
+            self.light.end(BY_CTRL_Z)
             self.keys.pressed()  # what is held while it goes off is no wish for light
         self._look_at_keys()
         self.light.tick()

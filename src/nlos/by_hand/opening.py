@@ -14,7 +14,7 @@ from nlos.calibration.errors import StaleConstants
 from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import wire_logged
 from nlos.cli.terminal import terminal
-from nlos.drivers.errors import LimitError, SafetyTrip
+from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip
 from nlos.drivers.partial_bench import PartialBench, open_partial_bench
 from nlos.drivers.trip_latch import TripLatch
 
@@ -57,6 +57,9 @@ def in_hand(
             with hand.light.timed():
                 try:
                     yield hand
+                except DeviceError:  # the exchange that a late timer cut in two is no fault of the instrument's
+                    hand.light.answer()
+                    raise
                 finally:
                     hand.light.end("nobody is there any more")
                 hand.light.answer()

@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_CTRL_Z, _STOP = (getattr(signal, name, None) for name in ("SIGTSTP", "SIGSTOP"))
-"""Neither on Windows."""
+CTRL_Z, STOP = (getattr(signal, name, None) for name in ("SIGTSTP", "SIGSTOP"))
+"""What is asked for, and what nobody can catch; neither on Windows."""
+BY_CTRL_Z = "Ctrl-Z in the terminal"
+"""Who shut the light then."""
 
 
 class Stops:
@@ -21,12 +23,12 @@ class Stops:
     @contextmanager
     def caught(self) -> Iterator[None]:
         """Ctrl-Z comes here until the block is left."""
-        before = None if _CTRL_Z is None else signal.signal(_CTRL_Z, self._on_signal)
+        before = None if CTRL_Z is None else signal.signal(CTRL_Z, self._on_signal)
         try:
             yield
         finally:
-            if _CTRL_Z is not None:
-                signal.signal(_CTRL_Z, before)
+            if CTRL_Z is not None:
+                signal.signal(CTRL_Z, before)
 
     @contextmanager
     def around(self, leave: Callable[[], None], enter: Callable[[], None]) -> Iterator[None]:
@@ -42,8 +44,8 @@ class Stops:
         self.wanted = False
         for leave, _ in reversed(self._around):
             leave()
-        if _STOP is not None:
-            os.kill(os.getpid(), _STOP)
+        if STOP is not None:
+            os.kill(os.getpid(), STOP)
         for _, enter in self._around:
             enter()
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from nlos.by_hand.stops import BY_CTRL_Z, CTRL_Z, STOP
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import name_of, signal_soon, tell_to_end
 
@@ -19,11 +20,9 @@ if TYPE_CHECKING:
 
 BY_HAND = "Ctrl-C in the terminal"
 """What a recording says of a pause: the bare name of the keys reads as if somebody were to press them."""
-_BY_HAND = {"SIGINT": BY_HAND, "SIGTSTP": "Ctrl-Z in the terminal"}
+_BY_HAND = {"SIGINT": BY_HAND, "SIGTSTP": BY_CTRL_Z}
 _PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasattr(signal, name))
 """Ctrl-Z would stop the program where it is, with the light on."""
-_STOPS, _STOP = (getattr(signal, name, None) for name in ("SIGTSTP", "SIGSTOP"))
-"""Where somebody is asked whether a scan goes on, it is off: there Ctrl-Z stops the program as it does any other."""
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 _BY_SIGNAL = 128
@@ -148,8 +147,9 @@ class Interrupts:
         return True
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._asking and number == _STOPS and _STOP is not None:
-            os.kill(os.getpid(), _STOP)
+        if self._asking and number == CTRL_Z and STOP is not None:
+            # The light is off: there Ctrl-Z stops the program as it does any other.
+            os.kill(os.getpid(), STOP)
             terminal.log(self._question, -9)
             return
         again, self.seen = self.seen, True
