@@ -1,6 +1,8 @@
 """When direct light arrives: wall, scanner position and one electronic delay, fitted jointly to all points."""
 
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -74,20 +76,19 @@ def fit_wall_timing(
     starts = [np.array([*origin, ratio * extent, 0.0]) for ratio in (1.0, 4.0)]
     if near is not None and near.accepted[usable].mean() > NEARLY_ALL:
         starts = [np.array([*near.scanner_position_m, 0.0])]
-    best = None
-    while starts:
-        start = starts.pop(0)
+
+    def searched(start: Floats) -> Any:
         start[2] = max(start[2], bounds[0][2])
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
-        fit = scipy.optimize.least_squares(
+        return scipy.optimize.least_squares(
             residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,),
             max_nfev=_MOST_STEPS,
         )  # fmt: skip
-        if best is None or fit.cost < best.cost:
-            best = fit
-        if not starts and best.nfev >= _MOST_STEPS and start[2] < _WITHOUT_END * extent:
-            starts = [np.array([*origin, _WITHOUT_END * extent, 0.0])]
-    assert best is not None
+
+    cost = attrgetter("cost")
+    best = min(map(searched, starts), key=cost)
+    if best.nfev >= _MOST_STEPS:
+        best = min(best, searched(np.array([*origin, _WITHOUT_END * extent, 0.0])), key=cost)
     accepted, solution = usable, best.x
     for _ in range(4):
         off = residuals(solution, usable)
