@@ -41,7 +41,7 @@ class PicoquantT3(Picoquant):
         self._decoder = T3Decoder(library.family.layout)
         self._points: PointHistograms | None = None
         self._markers: StepMarkers | None = None
-        self._period_s = self._blanking_s = 0.0
+        self._period_s = 0.0
         self._last_pulse = math.inf
         self._all_flags = HistogramFlag.NONE
         self._single = (np.zeros(0, dtype=np.int64), 0)
@@ -81,7 +81,7 @@ class PicoquantT3(Picoquant):
         if gates.trigger is Trigger.HOST:
             return
         dwells_s, blanking_s = gates.dwells_s, gates.blanking_s
-        self._period_s, self._blanking_s = gates.step_s or dwells_s[0] + blanking_s, blanking_s
+        self._period_s = gates.step_s or dwells_s[0] + blanking_s
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
         self._markers = StepMarkers(dwells, round(blanking_s * self._sync_hz), _STEP_MARKERS)
         self._points = PointHistograms(
