@@ -173,7 +173,8 @@ class Controller:
                 raise _FrameDamaged(DEVICE, f"a frame has no end: {error.what}", REOPEN) from error
             raise DeviceTimeout(DEVICE, error.what, _NO_FRAME) from error
         if answered == command | wire.REFUSED:
-            raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {answer.hex()}.", REOPEN)
+            why = wire.reason(answer)
+            raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {why}.", REOPEN)
         if answered != command:
             raise ProtocolError(DEVICE, f"command 0x{command:02x} was answered by 0x{answered:02x}.", REOPEN)
         return answer

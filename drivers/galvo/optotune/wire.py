@@ -18,9 +18,15 @@ FULL_SCALE = math.tan(math.radians(50.0))
 SET_COMM_MODE, GET_VALUE, GET_MULTIPLE = 0x06, 0x11, 0x13
 REFUSED = 0x80
 BOARD_FAULTS = 0x1007
+"""An MR-E-2 has the flags of STATUS there (SDK, `MiscSystems.Status`), an MR-E-3 faults of its board."""
 MEASURED_XY = {"MR-E-2": (0x2302, 0x2303), "MR-E-3": (0x3B00, 0x3B01)}
 """Registers of the position that the mirror's own sensor sees, by controller."""
 
+_REASONS = {
+    0x0001: "frame invalid", 0x0002: "command unknown", 0x0003: "command length mismatch", 0x0004: "CRC fail",
+    0x0005: "command not implemented", 0x0101: "register does not exist", 0x0104: "register is not valid",
+    0x0105: "register read unsuccessful", 0x010A: "register is not readable", 0x0201: "system does not exist",
+}  # fmt: skip
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
 # Without a prefix only all eight digits show that it is whole.
 _STATUS = re.compile(rb"0x[0-9A-Fa-f]{1,8}|[0-9A-Fa-f]{8}")
@@ -143,6 +149,11 @@ def decode_frame(frame: bytes) -> tuple[int, bytes]:
     if crc_16(bytes(content[:-2])) != int.from_bytes(content[-2:], "little"):
         raise ValueError(f"{frame[:40]!r} is damaged: its CRC is {bytes(content[-2:]).hex()}")
     return content[1], bytes(content[3:-2])
+
+
+def reason(payload: bytes) -> str:
+    """Why a request was refused: a code of 32 bits (SDK, `parse_error`)."""
+    return _REASONS.get(int.from_bytes(payload, "big"), "unknown code") + f" (0x{payload.hex()})"
 
 
 def decode_position(payload: bytes) -> tuple[float, float]:

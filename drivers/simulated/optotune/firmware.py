@@ -162,10 +162,14 @@ class OptotuneFirmware:
         self._bench.steer(target, now_s, settle_s)
 
     def _status(self) -> int:
-        moving = self._bench.clock.now() < self._stable_at_s or self._never_stable
-        if not moving and self._reads_until_unstable >= 0:
-            moving = self._reads_until_unstable == 0
+        flags = self._flags()
+        if not flags & 1 << 4 and self._reads_until_unstable >= 0:
+            flags |= (self._reads_until_unstable == 0) << 4
             self._reads_until_unstable -= 1
+        return flags
+
+    def _flags(self) -> int:
+        moving = self._bench.clock.now() < self._stable_at_s or self._never_stable
         return self._latched | self._stuck | moving << 4
 
     def _take_frame(self) -> bytes:
@@ -175,25 +179,29 @@ class OptotuneFirmware:
             return b""  # what is no frame is not answered
         command, payload = request
         answer = self._carry_out(command, payload)
-        if answer is None or self._fault("B5", "refused") is not None:
-            return pro_mode.pack(command | 0x80, b"\x01")
+        if self._fault("B5", "refused") is not None:
+            answer = pro_mode.READ_FAILED
+        if isinstance(answer, int):
+            return pro_mode.refused(command, answer)
         reply = pro_mode.pack(command, answer)
         if self._fault("B5", "damaged") is not None:
             reply = reply[:4] + bytes((reply[4] ^ 0x01,)) + reply[5:]
         return reply[:-3] if self._fault("B5", "truncated") is not None else reply
 
-    def _carry_out(self, command: int, payload: bytes) -> bytes | None:
-        """The payload of the reply, None where the request is refused."""
+    def _carry_out(self, command: int, payload: bytes) -> bytes | int:
+        """The payload of the reply, or the code that the request is refused with."""
         if command == pro_mode.SET_COMM_MODE and payload == b"\0\0":
             self._pro, self._puzzled = False, True
             return b""
         return pro_mode.read(command, payload, self._registers())
 
     def _registers(self) -> dict[int, float | int]:
-        """What can be read: the static input's current and coordinates, the board's faults, the measured position."""
-        x_register, y_register = {b"MR-E-2": (0x2302, 0x2303)}.get(self._model, (0x3B00, 0x3B01))
+        """What can be read: the static input's current and coordinates, faults, the measured position."""
+        older = self._model == b"MR-E-2"
+        x_register, y_register = (0x2302, 0x2303) if older else (0x3B00, 0x3B01)
+        board = 0x20 if self._never_stable else 0
         return {
-            0x1007: 0x20 if self._never_stable else 0,
+            0x1007: self._flags() if older else board,
             0x5001: 0.0,
             0x5002: self._x,
             0x5102: self._y,

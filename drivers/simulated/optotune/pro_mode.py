@@ -1,7 +1,7 @@
 """Pro mode from the controller's side: frames cut, checked and read, as the vendor's SDK makes and expects them.
 
 Sources: the SDK's `commands.py` and `parsing_tools.py`. A reply carries its CRC whether GOPRO or GOPROCRC began it; a
-request after GOPRO carries none.
+request after GOPRO carries none. What is refused is answered with a code of four bytes.
 """
 
 import re
@@ -9,6 +9,7 @@ import struct
 from collections.abc import Mapping
 
 SET_COMM_MODE, GET_VALUE, GET_MULTIPLE = 0x06, 0x11, 0x13
+UNKNOWN_COMMAND, WRONG_LENGTH, NO_SUCH_REGISTER, READ_FAILED = 0x0002, 0x0003, 0x0101, 0x0105
 
 
 def _remainder(value: int) -> int:
@@ -52,18 +53,25 @@ def pack(command: int, payload: bytes) -> bytes:
     return b"~" + re.sub(rb"[}~]", lambda match: bytes((0x7D, match[0][0] ^ 0x20)), content) + b"~"
 
 
-def read(command: int, payload: bytes, registers: Mapping[int, float | int]) -> bytes | None:
-    """The values of the registers asked for, behind their count where several were; None for what is not understood."""
-    if command == GET_VALUE and len(payload) == 2:
+def refused(command: int, code: int) -> bytes:
+    """The reply to a request that is not carried out."""
+    return pack(command | 0x80, struct.pack(">I", code))
+
+
+def read(command: int, payload: bytes, registers: Mapping[int, float | int]) -> bytes | int:
+    """The values of the registers asked for, behind their count where several were; else the code of a refusal."""
+    if command == GET_VALUE:
         wanted, count = payload, b""
-    elif command == GET_MULTIPLE and len(payload) > 2 and len(payload) == 2 + 2 * int.from_bytes(payload[:2], "big"):
+    elif command == GET_MULTIPLE:
         wanted, count = payload[2:], payload[:2]
     else:
-        return None
+        return UNKNOWN_COMMAND
+    if len(wanted) != 2 * (int.from_bytes(count, "big") if count else 1):
+        return WRONG_LENGTH
     values = count
     for (register,) in struct.iter_unpack(">H", wanted):
         if register not in registers:
-            return None
+            return NO_SUCH_REGISTER
         value = registers[register]
         values += struct.pack(">f" if isinstance(value, float) else ">I", value)
     return values

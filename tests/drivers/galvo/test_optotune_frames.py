@@ -40,3 +40,25 @@ def test_the_dialogues_that_the_vendor_s_kit_shows_are_the_simulated_controller_
         assert firmware.receive(said, 0.0) == answered, said
     assert wire.to_simple() == b"~\x00\x06\x02\x00\x00\x00\x00~"
     assert wire.get_registers(0x5001) == b"~\x00\x11\x02P\x01\x00\x00~"
+
+
+def test_why_a_request_was_refused_is_said(dark_bench: Callable[..., SimulatedBench]) -> None:
+    firmware = OptotuneFirmware(dark_bench(), left_in_pro_mode=True)
+    for request, why in (
+        (wire.get_registers(0x9999), "register does not exist (0x00000101)"),
+        (wire.encode_frame(0x11, b"\x50\x01\x00"), "command length mismatch (0x00000003)"),
+        (wire.encode_frame(0x13, b"\0\2\x50\x01"), "command length mismatch (0x00000003)"),
+        (wire.encode_frame(0x42), "command unknown (0x00000002)"),
+    ):
+        command, payload = wire.decode_frame(firmware.receive(request, 0.0))
+        assert (command, wire.reason(payload)) == (request[2] | 0x80, why)
+    assert wire.reason(b"\0\0\x07\x01") == "unknown code (0x00000701)"
+
+
+def test_the_older_controller_has_its_status_in_the_register_of_faults(
+    dark_bench: Callable[..., SimulatedBench],
+) -> None:
+    firmware = OptotuneFirmware(dark_bench(), model=b"MR-E-2")
+    firmware.receive(b"XY=0.5;0\r\nGOPRO\r\n", 0.0)
+    _, payload = wire.decode_frame(firmware.receive(wire.get_registers(wire.BOARD_FAULTS), 0.0))
+    assert wire.Status(int.from_bytes(payload, "big")) == wire.Status.NOT_STABLE
