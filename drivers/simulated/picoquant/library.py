@@ -103,7 +103,7 @@ class PicoquantLibrary:
         if index != 0:
             return -1
         if self._open:
-            return -11
+            return -2 if self._family.prefix == "HH" else -11  # HHLib's header has no -11
         serial.value = self._serial.encode()
         self._open = True
         return 0
@@ -219,7 +219,7 @@ class PicoquantLibrary:
         return -18 if self._mode else 0
 
     def _StartMeas(self, milliseconds: int) -> int:
-        if self._running:
+        if self._running and self._family.prefix != "HH":  # two demos of HHLib's start once more, and go on
             return -16
         if not 1 <= milliseconds <= 360_000_000:
             return -17

@@ -1,6 +1,7 @@
 """The PicoQuant adapter against a stand-in library with the vendor's calls, in both modes, on all three instruments."""
 
 import ctypes
+import functools
 import threading
 from typing import Any
 
@@ -419,9 +420,20 @@ def test_calls_out_of_order_are_refused_by_the_stand_in() -> None:
     assert library.HH_StartMeas(0, 10) == -23
     assert library.HH_Calibrate(0) == 0
     assert library.HH_StartMeas(0, 10) == 0
-    assert library.HH_StartMeas(0, 10) == -16
+    assert library.HH_GetHistogram(0, (ctypes.c_uint * 65_536)(), 0, 0) == -16
     with pytest.raises(AttributeError, match="undefined symbol"):
         library.MH_StartMeas(0, 10)
+
+
+def test_a_second_start_is_refused_but_by_a_hydraharp() -> None:
+    """Two demos of HHLib's start twice."""
+    for device, code in (("multiharp150", -16), ("picoharp300", -16), ("hydraharp400", 0)):
+        library, family = PicoquantLibrary(table(), device, 10e6), FAMILIES[device]
+        call = functools.partial(getattr, library)
+        assert call(f"{family.prefix}_OpenDevice")(0, ctypes.create_string_buffer(64)) == 0
+        assert call(f"{family.prefix}_Initialize")(0, 0) == 0
+        assert call(f"{family.prefix}_Calibrate")(0) == 0
+        assert [call(f"{family.prefix}_StartMeas")(0, 10) for _ in range(2)] == [0, code]
 
 
 @given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 12), st.integers(64, 70_000), st.integers(0, 2_000))
