@@ -24,6 +24,7 @@ from os.path import basename, isfile
 from nlos.cli.escaped import escape_what_is_printed
 from nlos.cli.interrupts import (
     end_at_interrupts,
+    end_at_once_at_sigterm,
     end_in_order_at_sigterm,
     ignore_interrupts,
     never_lose_an_interrupt,
@@ -61,6 +62,7 @@ def main() -> None:
     except KeyboardInterrupt:  # also one that came when all was done
         ignore_interrupts()
         code = 130
+    end_at_once_at_sigterm()
     sys.exit(code)
 
 

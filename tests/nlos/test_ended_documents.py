@@ -53,6 +53,15 @@ def test_a_document_says_that_a_signal_ended_its_command(tmp_path: Path, verb: s
     assert "Traceback" not in said
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+def test_a_signal_that_comes_while_python_tidies_up_prints_no_error() -> None:
+    at_the_end = "import atexit, os, signal, sys; atexit.register(os.kill, os.getpid(), signal.SIGTERM); "
+    verb = "sys.argv = ['nlos', '--json', 'methods']; from nlos.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-P", "-c", at_the_end + verb], capture_output=True, text=True, timeout=240)
+    assert (done.returncode, done.stderr) == (-signal.SIGTERM, "")
+    assert "error" not in json.loads(done.stdout)
+
+
 def test_what_is_not_finite_leaves_a_document_that_every_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:
     """RFC 8259 has no NaN: of a settling beam, say, at the moments at which no light told where it was."""
 

@@ -76,6 +76,12 @@ def end_in_order_at_sigterm() -> None:
         signal.signal(signal.SIGTERM, end)
 
 
+def end_at_once_at_sigterm() -> None:
+    """All is done and said: an exception in what Python still tidies up would only be printed as an error."""
+    if _watched and callable(signal.getsignal(signal.SIGTERM)):
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 def never_lose_an_interrupt() -> None:
     """Python prints and forgets a Ctrl-C that falls into a finaliser or a weak reference's callback, and the end that
     another signal asks for: it comes again."""
