@@ -1,6 +1,7 @@
 """Ctrl-Z as a shell with job control sees it: light goes off first, then the program stops, and `fg` goes on."""
 
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from nlos.cli import agreeing
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 from tests.nlos.by_hand.at_a_terminal import AtATerminal, at_a_terminal
 from tests.nlos.by_hand.witness import account
@@ -77,3 +79,42 @@ def test_ctrl_z_shuts_light_by_hand_before_it_stops_and_fg_goes_on_in_the_dark(t
     assert len(account(tmp_path).lit) == 1
     assert account(tmp_path).ends_dark
     assert account(tmp_path).lit_s < 10
+
+
+CONFIRM = {"arm": {"confirm": True, "remote": True}}
+AGREE = 'Type "light" to agree, Enter to stop here.'
+
+
+@pytest.mark.parametrize("words", ["scan small.yaml -o run.h5", "point 0.1 0.0 --light 0.5"])
+def test_ctrl_z_at_the_question_before_light_stops_the_program_and_fg_asks_again(tmp_path: Path, words: str) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN.replace("128", "2"))
+    bench = bench_by_hand(tmp_path, {**TTL, **CONFIRM})
+    with shell(tmp_path) as child:
+        child.press(f"{sys.executable} -m nlos {words} --bench {bench}; echo went-$?\r")
+        child.wait_until(lambda: child.said.count(AGREE) == 1, "the question")
+        child.press("\x1a")
+        child.wait_for("Stopped")
+        child.press("fg; echo went-$?\r")
+        child.wait_until(lambda: child.said.count(AGREE) == 2, "the question again")
+        assert not account(tmp_path).lit
+        child.press("light\r")
+        child.wait_for("went-0")
+    assert account(tmp_path).lit
+    assert account(tmp_path).ends_dark
+
+
+def test_ctrl_z_at_a_question_is_left_to_the_bench_where_light_may_be_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agreeing, "STOP", signal.SIGCONT)  # does nothing to who runs
+    lit, said, before = False, [], []
+    monkeypatch.setattr(agreeing, "light_may_be_on", lambda: lit)
+    was = signal.signal(signal.SIGTSTP, lambda number, frame: before.append(number))
+    try:
+        with agreeing.asked_again(lambda: said.append("again")):
+            signal.raise_signal(signal.SIGTSTP)
+            assert (said, before) == (["again"], [])
+            lit = True
+            signal.raise_signal(signal.SIGTSTP)
+        signal.raise_signal(signal.SIGTSTP)
+    finally:
+        signal.signal(signal.SIGTSTP, was)
+    assert (said, before) == (["again"], [signal.SIGTSTP] * 2)

@@ -34,19 +34,17 @@ def watch_first_moves(bench: PartialBench) -> None:
     )
     with mirror.trusted_for_trial():
         for axis, way, angles in _WAYS:
-            terminal.log(
+            told = answer(
                 f"After Enter the {axis} mirror goes {SMALL_DEG:g} deg {way} and back, {_BLINKS} times, in the dark: "
-                "look at the mirrors themselves. Type anything to stop here.",
-                -9,
+                "look at the mirrors themselves. Type anything to stop here."
             )
-            if answer() != "":
+            if told != "":
                 raise DeviceFault(who, "its first moves were declined.", "Start again when somebody can look.")
             for _ in range(_BLINKS):
                 for target in (angles, MirrorAngles(0.0, 0.0)):
                     mirror.move_to(target)
                     bench.clock.sleep(_BLINK_S)
-            terminal.log(f'Did the {axis} mirror move? Type "yes", or Enter if it did not, or another one did.', -9)
-            if answer() != "yes":
+            if answer(f'Did the {axis} mirror move? Type "yes", or Enter if it did not, or another one did.') != "yes":
                 raise DeviceFault(
                     who,
                     f"its {axis} mirror was not seen to move.",

@@ -1,8 +1,16 @@
 """Questions to somebody at the terminal; where nobody is there, the answer is no."""
 
+import os
+import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
+from nlos.by_hand.stops import CTRL_Z, STOP
 from nlos.cli.terminal import terminal
+from nlos.drivers.exit_paths import light_may_be_on
 
 
 def somebody_is_there() -> bool:
@@ -10,17 +18,43 @@ def somebody_is_there() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def answer() -> str | None:
-    """What was typed; None at the end of the input."""
+@contextmanager
+def asked_again(ask: Callable[[], None]) -> Iterator[None]:
+    """While the block waits for an answer Ctrl-Z stops the program as it does any other, and `ask` follows once it goes
+    on. An open bench ends the program there, because a stopped one can close nothing; its light is off at a question.
+    """
+    if CTRL_Z is None or STOP is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        if light_may_be_on() and callable(before):
+            before(number, frame)
+        else:
+            os.kill(os.getpid(), STOP)
+            ask()
+
+    before = signal.signal(CTRL_Z, on_signal)
     try:
-        return input().strip().lower()
+        yield
+    finally:
+        signal.signal(CTRL_Z, before)
+
+
+def answer(question: str) -> str | None:
+    """What was typed; None at the end of the input."""
+
+    def ask() -> None:
+        terminal.log(question, -9)
+
+    ask()
+    try:
+        with asked_again(ask):
+            return input().strip().lower()
     except EOFError:
         return None
 
 
 def agrees(what: str, word: str = "light") -> bool:
     """Whether somebody typed the word after having read what it means."""
-    if not somebody_is_there():
-        return False
-    terminal.log(f'{what} Type "{word}" to agree, Enter to stop here.', -9)
-    return answer() == word
+    return somebody_is_there() and answer(f'{what} Type "{word}" to agree, Enter to stop here.') == word

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from nlos.by_hand.stops import BY_CTRL_Z, CTRL_Z, STOP
+from nlos.by_hand.stops import BY_CTRL_Z
+from nlos.cli.agreeing import asked_again
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import name_of, signal_soon, tell_to_end
 
@@ -114,7 +115,7 @@ class Interrupts:
         self.seen = False
         self._control: ScanControl | None = None
         self._asking = False
-        self._light, self._question, self._at_terminal = "", "", True
+        self._light, self._at_terminal = "", True
 
     @contextmanager
     def caught(self) -> Iterator["Interrupts"]:
@@ -139,12 +140,16 @@ class Interrupts:
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
         how = f"by {why}" if why in _BY_HAND.values() else f"({why})"
-        self._question = f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan."
+
+        def ask() -> None:
+            terminal.log(f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
+
         self._asking = True
         try:
-            terminal.log(self._question, -9)
-            while _typed():
-                terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
+            ask()
+            with asked_again(ask):
+                while _typed():
+                    terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
         except (KeyboardInterrupt, EOFError):
             return False
         finally:
@@ -153,11 +158,6 @@ class Interrupts:
         return True
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._asking and number == CTRL_Z and STOP is not None:
-            # The light is off: there Ctrl-Z stops the program as it does any other.
-            os.kill(os.getpid(), STOP)
-            terminal.log(self._question, -9)
-            return
         again, self.seen = self.seen, True
         if self._asking or self._control is None or again:
             interrupt(frame)

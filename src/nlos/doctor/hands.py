@@ -128,9 +128,9 @@ class PersonsHands:
                 bench.shutter.watch(each)
         finally:
             bench.shutter.close()
-        terminal.log("Where was it? x y in metres, right of and above the wall's centre; Enter alone to skip this.", -9)
+        said = answer("Where was it? x y in metres, right of and above the wall's centre; Enter alone to skip this.")
         try:
-            x_m, y_m = (float(each) for each in (answer() or "").replace(",", " ").split())
+            x_m, y_m = (float(each) for each in (said or "").replace(",", " ").split())
         except ValueError:
             return None
         return x_m, y_m
@@ -189,10 +189,8 @@ def hands_for(bench: Bench) -> Hands:
 def light_is_agreed_to(where: str) -> bool:
     """Asks in words whether the shutter may open."""
     terminal.log(f"With light: the shutter opens, and the beam goes to {where} on the wall.", -9)
-    terminal.log('Is everybody safe from it? Type "light" to agree, Enter to stay in the dark.', -9)
-    return answer() == "light"
+    return answer('Is everybody safe from it? Type "light" to agree, Enter to stay in the dark.') == "light"
 
 
 def _asked(what: str) -> bool:
-    terminal.log(f"{what} Press Enter when that is done; type anything to skip it.", -9)
-    return answer() == ""
+    return answer(f"{what} Press Enter when that is done; type anything to skip it.") == ""

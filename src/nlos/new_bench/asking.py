@@ -4,6 +4,7 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 
+from nlos.cli.agreeing import asked_again
 from nlos.cli.exit_codes import UsageError
 from nlos.new_bench.hints import HINTS
 from nlos.new_bench.questions import Asking, Question
@@ -82,9 +83,14 @@ def _asked(question: Question, before: str | None) -> str | None:
     if hint := HINTS.get(question.key):
         _say(f"  {hint}")
     shown = "" if default is None else f" [{default}]"
-    while True:
+
+    def ask() -> None:
         print(f"{question.text}{words}{shown}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
+
+    while True:
+        ask()
+        with asked_again(ask):
+            line = sys.stdin.readline()
         if not line:
             _say("")
             raise UsageError(f"no answer to: {question.text}. No bench file was written.")
