@@ -60,7 +60,7 @@ class Controller:
             gave_banner = _wait_for_banner(line, banner_timeout_s)
             line.in_step = True
             _spoil(line)
-            replies = [line.exchange(wire.IDENTIFY) for _ in range(2)]
+            replies = [_says(line) for _ in range(2)]
             identity = wire.decode_identity(replies[0])
             if identity is None or replies[0] != replies[1]:
                 raise WrongDevice(
@@ -141,6 +141,12 @@ class Controller:
         if wire.range_changed(reply):
             return _range_changed()
         return ProtocolError(DEVICE, f"{command[:40]!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _says(line: SerialLine) -> bytes:
+    """Who answers. Another program's command may be answered in between; the ranges are set later anyway."""
+    reply = line.exchange(wire.IDENTIFY)
+    return line.receive(_names_itself, line.timeout_s)[0] if wire.range_changed(reply) else reply
 
 
 def _say_unheard(line: SerialLine, commands: Iterable[bytes]) -> None:

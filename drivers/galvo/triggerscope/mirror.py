@@ -74,7 +74,11 @@ class TriggerScope(TimedMirror):
         if not controller.gave_banner and settings.allow_unverified_dac:
             mirror.warnings.append(f"{DEVICE}: no start-up banner; that the mirror moves is not verified.")
         try:
-            mirror._set_up()
+            try:
+                mirror._set_up()
+            except MirrorDisturbed as error:
+                mirror.warnings.append(f"{DEVICE}: {error.what} Its settings were sent again.")
+                mirror.restore()
         except BaseException:
             mirror.close()
             raise

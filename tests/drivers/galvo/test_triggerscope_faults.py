@@ -263,6 +263,17 @@ def test_a_range_changed_behind_our_back_stops_the_mirror_until_it_is_parked(lab
     mirror.stop()
 
 
+@pytest.mark.parametrize("skip", range(20))  # of all commands of an opening
+def test_a_range_changed_while_it_is_opened_is_set_again_in_the_dark(lab: Lab, skip: int) -> None:
+    bench, mirror = lab(Fault(name="A7", skip=skip), shutter_pin=9)
+    assert not bench.shutter_open
+    assert math.hypot(bench.beam.x_rad, bench.beam.y_rad) < 1e-4
+    mirror.move_to(ASIDE)
+    assert bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=3e-5)
+    said = [each for each in mirror.warnings if "changed the range of a DAC" in each]
+    assert bool(said) == (skip > 2), "before, nothing is set yet"
+
+
 def test_a_closing_shutter_gets_past_a_lost_reply_within_its_time(lab: Lab) -> None:
     bench, mirror = lab(Fault(name="G1", after_s=AFTER_OPENING_S, skip=1), shutter_pin=9)
     mirror.set_shutter_line(True)
