@@ -14,7 +14,7 @@ import usb.core
 import usb.util
 
 from nlos.drivers.errors import DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
-from nlos.drivers.link.usb_errors import classify, closed_unless_opened
+from nlos.drivers.link.usb_errors import PipeHalted, classify, closed_unless_opened
 from nlos.drivers.link.usb_search import USBTMC_CLASS, USBTMC_SUBCLASS
 
 WireLog = Callable[[str, str, bytes], None]
@@ -94,19 +94,26 @@ class UsbtmcInterface:
         return count
 
     def read_interrupt(self, timeout_s: float) -> bytes | None:
-        """One Interrupt-IN notification, or None when none came in time."""
+        """One Interrupt-IN notification, or None when none came in time. A pipe that is stalled is cleared once."""
         if self._interrupt is None:
             return None
         try:
-            packet = self._usb.read(self._interrupt, 64, _milliseconds(timeout_s))
-        except usb.core.USBError as error:
-            failure = classify(self.device, "waiting for a service request", error)
-            if isinstance(failure, DeviceTimeout):
-                return None
-            raise failure from error
+            try:
+                packet = self._notified(self._interrupt, timeout_s)
+            except PipeHalted:
+                self.clear_halt("interrupt")
+                packet = self._notified(self._interrupt, timeout_s)
+        except DeviceTimeout:
+            return None
         if self._log:
-            self._log(self.device, "<", bytes(packet))
-        return bytes(packet)
+            self._log(self.device, "<", packet)
+        return packet
+
+    def _notified(self, endpoint: int, timeout_s: float) -> bytes:
+        try:
+            return bytes(self._usb.read(endpoint, 64, _milliseconds(timeout_s)))
+        except usb.core.USBError as error:
+            raise classify(self.device, "waiting for a service request", error) from error
 
     def control(self, request: int, value: int, length: int, timeout_s: float, pipe: str = "") -> bytes:
         """A class request to the interface, or to the "in" or "out" bulk endpoint; its reply of at most `length`."""
@@ -123,12 +130,13 @@ class UsbtmcInterface:
 
     def clear_halt(self, pipe: str) -> None:
         """Clears a stalled endpoint (USB 2.0, 9.4.5)."""
-        endpoint = self._in if pipe == "in" else self._out
+        endpoint = {"in": self._in, "out": self._out, "interrupt": self._interrupt}[pipe]
+        assert endpoint is not None
         self._log_setup(_TO_ENDPOINT, _CLEAR_FEATURE, 0, endpoint, 0)
         try:
             self._usb.clear_halt(endpoint)
         except usb.core.USBError as error:
-            raise classify(self.device, f"clearing a halt of bulk {pipe}", error) from error
+            raise classify(self.device, f"clearing a halt of its pipe {pipe}", error) from error
 
     def _log_setup(self, kind: int, request: int, value: int, index: int, length: int) -> None:
         """A control request as the eight bytes that travel (USB 2.0 section 9.3)."""

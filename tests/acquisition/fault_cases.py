@@ -40,9 +40,10 @@ OPTOTUNE: list[tuple[str, dict[str, Any]]] = [
 ]  # fmt: skip
 USB: list[tuple[str, dict[str, Any]]] = [
     ("U1", {}), ("U2", {}), ("U3", {"place": "in"}), ("U3", {"place": "out"}), ("U3", {"place": "control"}),
-    ("U4", {}), ("U5", {"field": "tag"}), ("U5", {"field": "kind"}), ("U6", {"what": "cut"}),
-    ("U6", {"what": "early_end"}), ("U7", {}), ("U8", {"bytes": 2}), ("U10", {}), ("U11", {"place": "read"}),
-    ("U11", {"place": "write"}), ("U12", {"what": "crc"}), ("U12", {"what": "number"}), ("U12", {"what": "header"}),
+    ("U3", {"place": "interrupt"}), ("U4", {}), ("U5", {"field": "tag"}), ("U5", {"field": "kind"}),
+    ("U6", {"what": "cut"}), ("U6", {"what": "early_end"}), ("U7", {}), ("U8", {"bytes": 2}), ("U10", {}),
+    ("U11", {"place": "read"}), ("U11", {"place": "write"}), ("U12", {"what": "crc"}),
+    ("U12", {"what": "number"}), ("U12", {"what": "header"}),
     ("U13", {"errors": 20}), ("U14", {"cause": "over_count"}), ("U14", {"cause": "watchdog"}),
     ("U14", {"cause": "sync"}), ("U15", {"what": "missed"}), ("U15", {"what": "overrun"}), ("U15", {"place": "clock"}),
     ("U16", {}), ("U18", {}), ("U19", {"delay_s": 0.05}),

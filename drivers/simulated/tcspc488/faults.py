@@ -12,7 +12,7 @@ FAULTS: tuple[FaultRow, ...] = (
              SAME, "`packets`"),
     FaultRow("U3", "an endpoint stalls",
              "nothing for queries; a trigger is not repeated: `DeviceError`",
-             ALL, "`place`: `in`, `out`, `control`"),
+             ALL, "`place`: `in`, `out`, `control`, `interrupt`"),
     FaultRow("U4", "an abort stays pending",
              "nothing where it ends, else `DeviceLost` after reset and deadline",
              ALL, "`replies`"),

@@ -205,7 +205,12 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
                 return got
 
     def intr_read(self, dev_handle: UsbHandle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
-        device = self._port_of(dev_handle, "interrupt").device
+        port = self._port_of(dev_handle, "interrupt")
+        device = port.device
+        if port.faults.strikes("U3", self._clock.now(), "interrupt"):
+            device.halted.add("interrupt")
+        if "interrupt" in device.halted:
+            _fail("stall")
         deadline_s = self._clock.now() + timeout / 1000.0
         while True:
             device.instrument.advance(self._clock.now())
@@ -250,7 +255,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         return count
 
     def clear_halt(self, dev_handle: UsbHandle, ep: int) -> None:
-        self._port_of(dev_handle).device.clear_halt("in" if ep & 0x80 else "out")
+        self._port_of(dev_handle).device.clear_halt({0x01: "out", 0x82: "in", 0x83: "interrupt"}[ep])
 
     def reset_device(self, dev_handle: UsbHandle) -> None:
         port = self._port_of(dev_handle)

@@ -111,6 +111,19 @@ def test_a_service_request_beside_a_status_byte_is_not_lost(cable: Callable, bef
     assert rig.clock.now() == pytest.approx(start_s + 0.1)
 
 
+def test_an_interrupt_pipe_that_stalls_is_cleared_and_one_that_stays_so_is_told(cable: Callable) -> None:
+    """Nothing else would clear it: neither opening it anew nor the way back from a failed exchange."""
+    rig = cable()
+    rig.parrot.faults.add(fault("U3", place="interrupt"))
+    assert rig.link.status_byte(1.0) == 0x54
+    rig.parrot.faults.add(fault("U3", place="interrupt"))
+    rig.parrot.service_requests = 1
+    assert rig.link.wait_service_request(1.0)
+    rig.parrot.faults.add(fault("U3", ALWAYS, place="interrupt"))
+    with pytest.raises(PipeHalted, match="service request"):
+        rig.link.wait_service_request(1.0)
+
+
 def test_an_interrupt_pipe_that_stays_busy_is_given_up_in_time(cable: Callable) -> None:
     rig = cable(latency_s=0.001)
     rig.parrot.service_requests = ALWAYS
