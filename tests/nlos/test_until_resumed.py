@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,9 +12,12 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.live.goal import Goal
 from nlos.live.good_enough import Enough
 from nlos.live.looks_before import ended_before, looks_before
-from nlos.live.process import state_file
+from nlos.live.process import state_file, write_state
+from nlos.live.resumed import picture_before
 from nlos.live.so_far import new_scan
 from nlos.recipe import Recipe
+from nlos.recon.live import LiveReconstruction
+from nlos.response import AUTO
 from tests.changed_bench import bench_file
 from tests.command import nlos
 
@@ -141,3 +145,46 @@ def test_a_real_bench_takes_its_decisions_from_the_recording_alone(tmp_path: Pat
         state_file(run).write_text(json.dumps({"samples": held_now + 1, **figures}))
         assert not enough()
         assert said == []
+        assert enough.wait_in_the_dark(lambda: False)
+        state_file(run).write_text(json.dumps({"samples": 1, **figures}))
+        assert enough.wait_in_the_dark(lambda: False) == bool(decided), "nothing to wait for, or it does not come"
+
+
+@pytest.fixture
+def page_at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Scans as of a real bench, whose live process has made its pictures by the time it is looked for; of how many
+    samples each is."""
+    made: list[int] = []
+
+    def start(run: Path, method: object, weights: object, response: str, constants: object, before: int) -> object:
+        live = LiveReconstruction("lct")
+        with Recording.open(run) as recording:
+            held = len(recording)
+        for samples in dict.fromkeys((before, held)) if before else ():
+            picture = picture_before(run, samples, live, None, AUTO)
+            assert picture is not None
+            write_state(state_file(run), picture)
+            made.append(picture.samples)
+        return SimpleNamespace(poll=lambda: None, pid=1)
+
+    monkeypatch.setattr("nlos.cli.taking.start_live", start)
+    monkeypatch.setattr("nlos.cli.taking._Watching._watched", staticmethod(lambda scan: scan.request.target))
+    return made
+
+
+def test_a_real_bench_whose_picture_was_good_enough_when_it_was_broken_off_takes_no_more_light(
+    tmp_path: Path, page_at_once: list[int]
+) -> None:
+    """The picture that is due is compared with one of a quarter fewer points, as it would have been; both are made
+    before the light."""
+    (tmp_path / "scan.yaml").write_text(GRID)
+    fault = {"name": "U13", "after_s": 0.8, "parameters": {"errors": 1}}
+    assert scan(tmp_path, "run.h5", None, faults=[fault])[0] == 3
+    before = held(tmp_path / "run.h5")
+    code, said = scan(tmp_path, "run.h5", "0.3", "--resume", "--live")
+    assert page_at_once == [int(len(before) / 1.25), len(before)]
+    assert (code, said["status"], said["taken"]) == (0, AS_ASKED, 0)
+    assert held(tmp_path / "run.h5") == before
+    code, said = scan(tmp_path, "run.h5", "0.001", "--resume", "--live")
+    assert (code, said["status"]) == (0, "complete")
+    assert page_at_once[2:] == [len(before)], "which was judged, and is what the next one is compared with"

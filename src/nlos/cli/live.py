@@ -24,7 +24,8 @@ from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 from nlos.live.own_process import prepare_process
 from nlos.live.page import LivePage
-from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file, write_state
+from nlos.live.process import BEFORE, SOCKET, TOKEN, listening, methods_for, state_file, write_state
+from nlos.live.resumed import picture_before
 from nlos.live.scan import LiveScan
 from nlos.live.web import WebServer
 from nlos.recon.live import LiveReconstruction
@@ -65,7 +66,7 @@ def live(
     methods = methods_for(method)
     prepare_process()
     _refuse_too_many(runs)
-    inherited = os.environ.pop(SOCKET, "")
+    inherited, before = os.environ.pop(SOCKET, ""), int(os.environ.pop(BEFORE, "0"))
     token = os.environ.pop(TOKEN, "") or secrets.token_urlsafe(24)
     if not inherited:  # whose address somebody has already
         _refuse_what_is_no_recording(runs, constants)
@@ -100,6 +101,9 @@ def live(
 
     previous = {}
     try:
+        if before and (seen := picture_before(runs[0], before, scans[0].lives[-1], constants, wanted)) is not None:
+            assert state is not None
+            write_state(state, seen)
         for scan in scans:
             scan.start()
         awaited = [] if inherited else [scan.run for scan in scans if not scan.begun()]

@@ -178,12 +178,21 @@ class _Watching:
         """The recording whose live process makes pictures; None on a simulated bench, whose clock waits for them."""
         return None if scan.bench.settings.simulated else scan.request.target
 
-    def show(self, scan: PreparedScan) -> None:
-        """Starts the page, where one is asked for or the picture is judged while light is on."""
+    def show(self, scan: PreparedScan, enough: Enough | None, control: ScanControl) -> None:
+        """Starts the page, where one is asked for or the picture is judged while light is on. Of a scan that is resumed
+        the pictures are awaited that say whether more light is needed."""
         assert scan.request.target is not None
         judged = self.until is not None or (scan.request.plan.budget is not None and pages_can_be())
-        if self.live or (judged and not scan.bench.settings.simulated):
-            start_live(scan.request.target, self.method, self.settings.get("weights"), self.response, self.constants)
+        if not (self.live or (judged and not scan.bench.settings.simulated)):
+            return
+        before = 0 if enough is None else enough.before
+        page = start_live(
+            scan.request.target, self.method, self.settings.get("weights"), self.response, self.constants, before
+        )
+        if enough is not None and before:
+            terminal.log("the pictures so far are made again in the dark, to be compared with")
+            if not enough.wait_in_the_dark(lambda: page.poll() is None and not control.wanted) and not control.wanted:
+                terminal.log("warning: they did not come; the scan may take a quarter more points than it needs")
 
 
 def _acquire(
@@ -223,7 +232,7 @@ def _acquire(
                 shown.push(progress)
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume", terminal.log))
             interrupts.pauses(control, bench.settings.shutter_on != "nothing")
-            watching.show(prepared)
+            watching.show(prepared, enough, control)
             start_s = bench.clock.now() - begun.elapsed_s
             progress.show()
             samples = prepared.samples(begun, control, enough, adviser, () if enough is None else enough.decided)

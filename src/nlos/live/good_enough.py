@@ -3,7 +3,8 @@
 `--until stable` does so when the picture has stopped changing and holds light enough, which any method can say. The
 picture is made again whenever a quarter more points are in, so that "change" always means the same: what a quarter more
 of the scan did to it. On a simulated bench that happens between two points, at the same points in every
-run; on a real one the live process makes the pictures, and only its figures are read here, twice a second.
+run; on a real one the live process makes the pictures, and only its figures are read here, twice a second. Where a scan
+is resumed that process begins anew, and the pictures that are missing are waited for in the dark.
 """
 
 import math
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 
 METHOD = "nano"
 FIRST_FRACTION = 0.05
-AGAIN_S = 0.5
+AGAIN_S, LOOK_S = 0.5, 0.05
+LONGEST_S = 120.0
+"""For the pictures that the live process makes in the dark: a library, and two of the slowest method."""
 
 _Seen = tuple[int, Figures]
 """Samples, and what `Goal.verdict` asks for."""
@@ -63,6 +66,9 @@ class Enough:
         self._next = max(1, math.ceil(FIRST_FRACTION * plan.most_samples))
         self._looked_s = -math.inf
         self._seen = 0
+        self.before = 0
+        """Of a real bench's scan that is resumed: the live process first makes a picture of so many samples."""
+        self._awaited = 0
 
     def catch_up(self, run: Path) -> None:
         """Takes in what a recording that is resumed holds, before it is opened for writing: its samples, and what was
@@ -81,6 +87,12 @@ class Enough:
         if last is not None:
             self.said, self._seen = last.said, last.samples
             self._bound = last.bound or math.inf
+        earliest = self._next if last is None else last.samples
+        if self._state is not None and not over:
+            if held >= self._growth * earliest:  # the next look was due
+                self.before, self._awaited = int(held / self._growth), held
+            elif last is not None:
+                self.before = self._awaited = last.samples
         while self._next < held if last is None else self._next <= last.samples:
             self._next = math.ceil(self._growth * self._next)
 
@@ -88,6 +100,21 @@ class Enough:
         """One more sample, once it is on its way to the disk."""
         if self._state is None:
             self._looks.add(sample)
+
+    def wait_in_the_dark(self, comes: Callable[[], bool]) -> bool:
+        """Until the live process has made the picture that the next ones are compared with, and that of all the scan
+        holds where it was due as the scan was broken off. False where they do not come, as `comes` says, or not within
+        `LONGEST_S`: then a quarter more points are taken before anything is decided."""
+        until_s = time.monotonic() + LONGEST_S
+        while self._state is not None and not self._there(self._state):
+            if not comes() or time.monotonic() > until_s:
+                return False
+            time.sleep(LOOK_S)
+        return True
+
+    def _there(self, state: Path) -> bool:
+        samples = read_state(state).get("samples") if self._awaited else 0
+        return isinstance(samples, int) and samples >= self._awaited
 
     def __call__(self) -> bool:
         """Whether the scan may end now; said in the event log with its figures."""

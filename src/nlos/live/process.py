@@ -17,7 +17,7 @@ from nlos.recon.methods import PLAIN, catalogue, find, torch_is_installed
 if TYPE_CHECKING:
     from nlos.recon.live import LivePicture
 
-SOCKET, TOKEN = "NLOS_LIVE_SOCKET", "NLOS_LIVE_TOKEN"
+SOCKET, TOKEN, BEFORE = "NLOS_LIVE_SOCKET", "NLOS_LIVE_TOKEN", "NLOS_LIVE_BEFORE"
 IDLE_S = 60
 NICENESS = 10
 QUICK = "lct"
@@ -39,9 +39,11 @@ def methods_for(asked: str | None) -> list[str]:
 
 
 def start_live(
-    run: Path, method: str | None, weights: object = None, response: str = "auto", constants: Path | None = None
-) -> "subprocess.Popen[bytes]":
-    """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
+    run: Path, method: str | None, weights: object = None, response: str = "auto", constants: Path | None = None,
+    before: int = 0,
+) -> "subprocess.Popen[bytes]":  # fmt: skip
+    """Starts the page of `run` and says its address. A scan whose light is on waits for nothing of it. `before`: its
+    pictures are compared with one of so many samples, which is made first."""
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
     with listening(0) as door:
@@ -50,7 +52,7 @@ def start_live(
         command += [] if weights is None else ["--weights", str(weights)]
         command += [] if response == "auto" else ["--response", response]
         command += [] if constants is None else ["--constants", str(constants)]
-        process = page_process([*command, "-q"], door, token, NICENESS)
+        process = page_process([*command, "-q"], door, token, NICENESS, before=before)
         url = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
     terminal.log(f"live: {url}", -1)
     terminal.document["live"] = {"url": url, "pid": process.pid}
@@ -73,12 +75,13 @@ def check_pages(option: str) -> None:
 
 
 def page_process(
-    command: Sequence[str], door: socket.socket, token: str, niceness: int, stdin: int = subprocess.DEVNULL
-) -> "subprocess.Popen[bytes]":
+    command: Sequence[str], door: socket.socket, token: str, niceness: int, stdin: int = subprocess.DEVNULL,
+    before: int = 0,
+) -> "subprocess.Popen[bytes]":  # fmt: skip
     """The process of a page, which is handed the socket it listens on, computes on one core, and gives way."""
     process = subprocess.Popen(
         command,
-        env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
+        env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, BEFORE: str(before), "OMP_NUM_THREADS": "1"},
         pass_fds=[door.fileno()],
         stdin=stdin,
         stdout=subprocess.DEVNULL,
