@@ -12,7 +12,8 @@ from nlos.drivers.terminal_place import remote_terminal
 
 _log = logging.getLogger(__name__)
 
-_LOOK_S = 0.1
+_LOOK_S, _SLEPT_S = 0.1, 1.0
+"""Where a look takes so long the program was stopped meanwhile, or the computer slept: the warning is given anew."""
 
 Agree = Callable[[str], bool]
 """A question to somebody at the terminal -> whether they typed the word."""
@@ -52,15 +53,21 @@ class Arming:
         """Announces light and returns when it is time for it; earlier, and with nothing settled, once `broken_off`."""
         if self._warned or broken_off():
             return
-        _log.warning("light in %g s", self._settings.delay_s)
-        self._events.report("shutter", f"light in {self._settings.delay_s:g} s")
-        until_s = self._clock.now() + self._settings.delay_s
-        while (left_s := until_s - self._clock.now()) > 0:
+        until_s = self._announced()
+        while (left_s := until_s - (now_s := self._clock.now())) > 0:
             if broken_off():
                 self._events.report("shutter", "no light: its warning time was broken off")
                 return
             self._clock.sleep(min(left_s, _LOOK_S))
+            if self._clock.now() - now_s > _SLEPT_S:  # nobody could heed it
+                until_s = self._announced()
         self._warned = True
+
+    def _announced(self) -> float:
+        """When it is time for light, which is said."""
+        _log.warning("light in %g s", self._settings.delay_s)
+        self._events.report("shutter", f"light in {self._settings.delay_s:g} s")
+        return self._clock.now() + self._settings.delay_s
 
 
 def _user() -> str:

@@ -74,6 +74,20 @@ def test_the_warning_time_passes_before_the_first_light_and_not_again() -> None:
         assert bench.clock.now() - first_s < 0.5
 
 
+def test_a_computer_that_sleeps_in_the_warning_time_warns_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_bench(armed(delay_s=5.0, remote=True)) as bench:
+        slept = [0.1, 0.1, 3600.0]
+        passed = bench.clock.sleep
+        monkeypatch.setattr(bench.clock, "sleep", lambda s: passed(slept.pop(0) if s == 0.1 and slept else s))
+        said: list[tuple[str, float]] = []
+        bench.on_event = lambda kind, text: said.append((text, bench.clock.now()))
+        bench.shutter.open()
+    (first, first_s), (second, second_s), (opened, lit_s), *_ = [each for each in said if "armed" not in each[0]]
+    assert (first, second, opened) == ("light in 5 s", "light in 5 s", "opened")
+    assert second_s - first_s > 3600
+    assert 5.0 <= lit_s - second_s < 5.5
+
+
 def test_a_real_bench_is_armed_by_default_and_a_simulated_one_is_not() -> None:
     assert load("bench", "lab", BenchSettings).settings.arming == ArmSettings()
     assert load("bench", "simulated", BenchSettings).settings.arming is None
