@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,11 +67,15 @@ def data_folder(bench: "BenchSettings | None" = None) -> Path | None:
 
 
 def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) -> Path:
-    """What a scan without a name of its own is called: day, time, scan and sample, in the data folder by days."""
+    """What a scan without a name of its own is called: day, time, scan and sample, in the data folder by days. A time
+    that comes twice, as clocks are set back, is numbered."""
     folder, words = data_folder(bench), [word for word in (file_word(scan), file_word(sample)) if word]
     if folder is None:
-        return Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
-    return folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
+        name = Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
+    else:
+        name = folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
+    names = chain([name], (name.with_stem(f"{name.stem}-{number}") for number in count(2)))
+    return next(each for each in names if not (os.path.lexists(each) or each.with_suffix("").exists()))
 
 
 def expanded(path: str) -> Path:

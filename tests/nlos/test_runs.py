@@ -86,7 +86,9 @@ def test_a_scan_keeps_what_was_said_of_it(
     assert [each["sample"] for each in found["runs"]] == ["A hat / cap"]
 
 
-def test_what_is_said_goes_before_bench_and_person(no_defaults_of_ones_own: Path) -> None:
+def test_what_is_said_goes_before_bench_and_person(
+    no_defaults_of_ones_own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (no_defaults_of_ones_own / "defaults.yaml").write_text("operator: Ada\nnote: mine\ntags: [own]\n")
     bench = BENCH.model_copy(update={"runs": RunDefaults(operator="Bea", sample="hat", tags=("table",), folder="/d")})
     assert notes_for(bench, None, None, None, []) == RunNotes("hat", "Bea", "mine", ("own", "table"))
@@ -94,6 +96,11 @@ def test_what_is_said_goes_before_bench_and_person(no_defaults_of_ones_own: Path
     now = datetime(2026, 3, 1, 14, 32, 5)
     assert dated_name(bench, "demo", "a b/c", now) == Path("/d/2026-03-01/143205-demo-a-b-c.h5")
     assert dated_name(BENCH, "demo", "", now) == Path("demo-20260301-143205.h5")
+    monkeypatch.chdir(tmp_path)
+    for number in ("", "-2", "-3"):  # the hour that comes twice as summer time ends
+        found = dated_name(BENCH, "demo", "", now)
+        assert found == Path(f"demo-20260301-143205{number}.h5")
+        found.touch()
     for wrong in (["two words"], ["x" * 61], [f"t{n}" for n in range(40)]):
         with pytest.raises(UsageError, match="tag"):
             notes_for(bench, None, None, None, wrong)
