@@ -58,6 +58,13 @@ def _kept_for(bench: str) -> list[tuple[Path, BenchConstants]]:
     return sorted(found, key=lambda each: measured_at(each[1]), reverse=True)
 
 
+def measured_later(path: Path, bench: str) -> Path | None:
+    """Of the constants of that bench, those that say they are newer than these at `path`, which were measured just now:
+    a computer whose clock was wrong wrote one of them."""
+    when = {kept: measured_at(constants) for kept, constants in _kept_for(bench)}
+    return next((kept for kept, each in when.items() if each > when.get(path, each)), None)
+
+
 def aiming_constants(given: Path | None, bench_json: str, devices: Mapping[str, str]) -> Known | None:
     """The constants to aim by: those named, else the newest of this bench that rest on measured spots.
 

@@ -11,7 +11,7 @@ import yaml
 
 from nlos.__main__ import run
 from nlos.acquisition.recording.recording import Recording
-from nlos.bench_constants import NONE, aiming_constants, correcting_constants, folder_of
+from nlos.bench_constants import NONE, aiming_constants, correcting_constants, folder_of, measured_later
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import facts_of
 from nlos.calibration.constants import BenchConstants, save
@@ -104,6 +104,19 @@ def test_another_benchs_constants_never_aim_this_one_however_alike_their_names(
         assert known is not None
         assert known.path.name == name
         save(constants(bench=own, measured_utc="2026-03-03T12:00:00+00:00"), folder_of(own) / "own.h5", overwrite=True)
+
+
+def test_constants_that_a_wrong_clock_dated_later_are_found_beside_those_measured_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would be taken for the newest, whatever is measured until then."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    name = BENCH["name"]
+    for path, when in (("before", "2026-03-02T12:00:00+00:00"), ("now", "2026-03-03T12:00:00+00:00")):
+        folder_of(name).mkdir(parents=True, exist_ok=True)
+        save(constants(bench=name, measured_utc=when), folder_of(name) / f"{path}.h5")
+    assert measured_later(folder_of(name) / "now.h5", name) is None
+    assert measured_later(folder_of(name) / "before.h5", name) == folder_of(name) / "now.h5"
 
 
 CHANGED = {

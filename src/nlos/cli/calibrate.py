@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from nlos.acquisition.importers.given import Given
-from nlos.bench_constants import folder_of
+from nlos.bench_constants import folder_of, measured_later
 from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
 from nlos.calibration.errors import PoorCalibration
@@ -182,6 +182,11 @@ def _from_runs(
     kept = bench and target.parent.resolve() == folder_of(bench).resolve()
     whose = f"of bench {bench}, {_used_by(found.constants)}" if kept else "taken where --constants names it"
     terminal.result(f"{target}: {whose}", constants=str(target), bench=bench, kept_with_bench=bool(kept))
+    if kept and (later := measured_later(folder_of(bench) / target.name, bench)) is not None:
+        terminal.log(
+            f"warning: {later} says that it was measured later and goes before these: this computer's clock was wrong "
+            "then, or is now. Set it, and move that file away or calibrate once more"
+        )
 
 
 def _used_by(constants: "BenchConstants") -> str:
