@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -62,11 +63,12 @@ class RecordedLight:
         self._measured = np.flatnonzero(scan.exposure_s > 0)
         places_m = np.stack([scan.x_m[self._measured], scan.y_m[self._measured]], axis=1)
         apart_m, place = np.unique(places_m, axis=0, return_inverse=True)
-        self._x, self._y = apart_m.T.copy()
+        self._apart_m = apart_m
         place = place.reshape(-1)
         by_place = self._measured[np.argsort(place, kind="stable")]
         self._visits = np.split(by_place, np.cumsum(np.bincount(place))[:-1])
-        self._tolerance_m = _tolerance_m(self._x, self._y) if tolerance_m is None else tolerance_m
+        self._tolerance_m = _tolerance_m(*apart_m.T) if tolerance_m is None else tolerance_m
+        self._places, self._holes = scipy.spatial.KDTree(apart_m), scipy.spatial.KDTree(scan.holes_m)
 
     def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
         pulses = round(gate.dwell_s * self._repetition_hz)
@@ -93,11 +95,7 @@ class RecordedLight:
     def is_hole(self, beam: MirrorAngles) -> bool:
         """Whether the recording lacks just this place: it was to be measured there, but is not, or is damaged."""
         spot = self._path.spot(beam)
-        if spot is None or not len(self._scan.holes_m):
-            return False
-        at_m = np.array([spot.x_m, spot.y_m])
-        away_m = np.hypot(*(self._scan.holes_m - at_m).T).min()
-        return bool(away_m <= self._tolerance_m and self._away_m(spot).min() > self._tolerance_m)
+        return spot is not None and bool(self._near(self._holes, spot)) and not self._near(self._places, spot)
 
     def _part(self, point: int, dwell_s: float) -> float:
         """Which part of a point's photons a dwell gets."""
@@ -111,10 +109,9 @@ class RecordedLight:
             )
         return min(1.0, dwell_s / recorded_s)
 
-    def _away_m(self, spot: Spot) -> npt.NDArray[np.float64]:
-        """How far each measured point is."""
-        away_m: npt.NDArray[np.float64] = np.hypot(self._x - spot.x_m, self._y - spot.y_m)
-        return away_m
+    def _near(self, places: "scipy.spatial.KDTree", spot: Spot) -> list[int]:
+        """Those of many places that the beam may be meant for."""
+        return sorted(places.query_ball_point((spot.x_m, spot.y_m), self._tolerance_m))
 
     def _detections(self, point: int) -> int:
         """All that were recorded at a point, those outside the time window included where they are known."""
@@ -143,11 +140,9 @@ class RecordedLight:
     def _nearest(self, beam: MirrorAngles) -> npt.NDArray[np.int64]:
         """All visits to the nearest place."""
         spot = self._path.spot(beam)
-        if spot is not None:
-            away_m = self._away_m(spot)
-            best = int(away_m.argmin())
-            if away_m[best] <= self._tolerance_m:
-                return self._visits[best]
+        if spot is not None and (near := self._near(self._places, spot)):
+            away_m = np.hypot(*(self._apart_m[near] - (spot.x_m, spot.y_m)).T)
+            return self._visits[near[int(away_m.argmin())]]
         where = "off the wall" if spot is None else f"at x = {spot.x_m:+.4f} m, y = {spot.y_m:+.4f} m"
         raise LimitError(
             "recorded scene",

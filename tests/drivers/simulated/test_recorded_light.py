@@ -57,6 +57,24 @@ def test_a_longer_dwell_and_an_unrecorded_place_are_refused() -> None:
         light(gate(5e-3), at(0.5, 0.0), True)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_of_many_places_the_nearest_one_is_found_and_of_two_as_near_one_of_them(seed: int) -> None:
+    """By the distances to all of them, which are not computed where there are many."""
+    rng = np.random.default_rng(seed)
+    x_m, y_m = rng.integers(-4, 5, (2, 60)) * 0.05
+    light = source(replace(recorded(), counts=np.eye(60, dtype=np.uint32), x_m=x_m, y_m=y_m, exposure_s=np.ones(60)))
+    apart_m = np.unique(np.stack([x_m, y_m], axis=1), axis=0)
+    for spot_m in rng.integers(-10, 11, (100, 2)) * 0.025:
+        away_m = np.hypot(*(apart_m - spot_m).T)
+        if away_m.min() > light._tolerance_m - 1e-9:
+            with pytest.raises(LimitError):
+                light.check(gate(0.5, bins=60), at(*(spot_m * 1.001)))
+            continue
+        x, y = apart_m[np.flatnonzero(away_m < away_m.min() + 1e-9)].T
+        got = int(light(gate(1.0, bins=60), at(*spot_m), True).counts.argmax())
+        assert (x_m[got], y_m[got]) in set(zip(x.tolist(), y.tolist(), strict=True))
+
+
 def test_a_rate_meter_may_look_longer_than_was_recorded() -> None:
     scan = recorded()
     look = replace(gate(0.1), kept=False)
