@@ -7,7 +7,8 @@ from nlos.configs.settings import Settings
 Cable = Literal["serial", "usb", "library"]
 """A serial port, a USB device that this program talks to itself, or a vendor's library that talks to it."""
 
-_ADDRESS_KEY: dict[Cable, str] = {"serial": "port", "usb": "usb", "library": "library"}
+ADDRESS_KEYS: dict[Cable, str] = {"serial": "port", "usb": "usb", "library": "library"}
+"""Cable -> the key of a block that says where it is plugged in."""
 
 
 class DeviceSettings(Settings):
@@ -15,7 +16,7 @@ class DeviceSettings(Settings):
     has the key that its `cable` calls for: `port`, `usb` or `library`."""
 
     cable: ClassVar[Cable]
-    incidental: ClassVar[frozenset[str]] = frozenset(_ADDRESS_KEY.values()) | {"serial", "timeout_s"}
+    incidental: ClassVar[frozenset[str]] = frozenset(ADDRESS_KEYS.values()) | {"serial", "timeout_s"}
     """Keys that do not matter to what is counted where: a scan may be resumed with others. A model adds its own."""
 
     model: str
@@ -24,7 +25,7 @@ class DeviceSettings(Settings):
     @property
     def address(self) -> str:
         """Where it is plugged in, as the bench file says."""
-        return str(getattr(self, _ADDRESS_KEY[self.cable]))
+        return str(getattr(self, ADDRESS_KEYS[self.cable]))
 
     @property
     def simulated(self) -> bool:
@@ -34,7 +35,7 @@ class DeviceSettings(Settings):
     def on_simulated_cable(self) -> Self:
         """The same device with a simulated one at the other end."""
         address = f"sim://{self.model}" if self.cable == "serial" else "simulated"
-        return self.model_copy(update={_ADDRESS_KEY[self.cable]: address})
+        return self.model_copy(update={ADDRESS_KEYS[self.cable]: address})
 
     @property
     def udev_rule(self) -> str:

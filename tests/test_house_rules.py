@@ -12,6 +12,7 @@ MAKERS = ("__init__", "__post_init__")
 FROM_OUTSIDE = {("SimulatedSerial", "is_open"): "pyserial's SerialBase makes it"}
 BROAD = {
     "drivers/closing.py": "whatever fails on the way out, the light is tried again and every later step is done",
+    "drivers/plug_in_device.py": "somebody else's driver may raise anything; whatever it is becomes a device error",
     "drivers/wire_log.py": "whatever fails in keeping bytes must not hold up the command that shuts the light",
     "acquisition/scanning/advice.py": "what fails in somebody else's adviser ends no scan, and is said in its log",
     "recon/own_methods.py": "a method of somebody else may raise anything; its file and line are told",

@@ -13,12 +13,14 @@ from nlos.drivers.galvo.helios.model import HELIOS
 from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.galvo.optotune.model import OPTOTUNE
 from nlos.drivers.galvo.triggerscope.model import TRIGGERSCOPE
+from nlos.drivers.plug_in_device import Contract
 from nlos.drivers.plug_ins import with_plug_ins
 from nlos.drivers.wire_log import unfailing
 
 MIRRORS: dict[str, DeviceModel[GalvoMirror]] = with_plug_ins(
     "nlos.mirrors",
     MirrorBlock,
+    Contract(GalvoMirror),
     [
         TRIGGERSCOPE,
         OPTOTUNE,

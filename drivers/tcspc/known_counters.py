@@ -8,9 +8,11 @@ from pydantic import Field
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import DeviceModel, WireLog
+from nlos.drivers.plug_in_device import Contract
 from nlos.drivers.plug_ins import with_plug_ins
 from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.counter import HistogramCounter
+from nlos.drivers.tcspc.handed_over import answers_misfit
 from nlos.drivers.tcspc.picoquant.model import PICOQUANT
 from nlos.drivers.tcspc.tcspc488.model import TCSPC488
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
@@ -19,6 +21,7 @@ from nlos.drivers.wire_log import unfailing
 COUNTERS: dict[str, DeviceModel[HistogramCounter]] = with_plug_ins(
     "nlos.counters",
     CounterBlock,
+    Contract(HistogramCounter, answers_misfit),
     [
         TCSPC488,
         PICOQUANT,
