@@ -84,6 +84,20 @@ def test_its_faults_are_rehearsed_by_name_and_stand_in_the_table(lab: Path) -> N
     assert "no fault of that name" in done.stderr
 
 
+def test_a_bench_file_is_made_of_them_by_questions(lab: Path) -> None:
+    words = ("new", "bench", "--simulated", "--no-check", "--answer=mirror=acme_galvo", "--answer=counter=acme_counter")
+    done = nlos(lab, *words, "-o", "made.yaml")
+    assert done.returncode == 0, done.stderr
+    text = (lab / "made.yaml").read_text("utf-8")
+    assert "model: acme_galvo" in text
+    assert "max_mechanical_deg" not in text
+    module = lab / "site" / "acme_optics" / "__init__.py"
+    module.write_text(module.read_text("utf-8").replace("max_rad: float = 0.5", "max_rad: float"), "utf-8")
+    done = nlos(lab, *words, "-o", "other.yaml")
+    assert done.returncode == 2
+    assert "its mirror needs `max_rad` too, which nobody asks for here: write the file by hand" in done.stderr
+
+
 def test_where_they_are_missing_they_are_named_with_a_remedy_and_their_udev_rule(lab: Path) -> None:
     (lab / "bench.yaml").write_text(BENCH.replace("PORT", "/dev/ttyACME").replace("LIBRARY", "/no/such.so"), "utf-8")
     done = nlos(lab, "devices", "--bench", "bench.yaml")

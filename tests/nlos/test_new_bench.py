@@ -6,7 +6,9 @@ import pty
 import re
 import shlex
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 import yaml
@@ -20,6 +22,7 @@ from nlos.configs.load import ConfigError, load, names, parse
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.known_mirrors import MIRRORS
+from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
@@ -218,6 +221,22 @@ def test_answers_for_a_simulated_bench_are_not_offered_for_a_real_one(tmp_path: 
     assert Unfinished(tmp_path / "b.yaml", "simulated").load() == {"wall_distance_m": "3"}
     (tmp_path / "b.yaml.answers").write_text('{"bench": "simulated", "answers": [')
     assert Unfinished(tmp_path / "b.yaml", "simulated").load() == {}
+
+
+def test_a_counter_of_other_keys_is_asked_no_more_than_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a package of its own brings one."""
+
+    class Acme(CounterBlock):
+        model: Literal["acme"]
+        cable = "usb"
+        usb: str
+
+    monkeypatch.setitem(COUNTERS, "acme", replace(COUNTERS["tcspc488"], settings=Acme, shutters={}))
+    nothing = Detected((), (), ())
+    given = {"mirror": "optotune", "port": "COM3", "counter": "acme", "wall_distance_m": "2", "repetition_hz": "1e7"}
+    said = answers(questions(nothing, simulated=False), given)
+    assert not {"sync_pulse", "detector_pulse", "sync_input", "detector_input"} & said.keys()
+    assert blocks_of("acme", said, simulated=False)["counter"] == {"model": "acme", "usb": "auto"}
 
 
 def test_every_question_has_a_hint() -> None:

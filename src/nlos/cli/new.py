@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from nlos.calibration.bench_facts import REAL, SIMULATED
 from nlos.cli.doctor import doctor
@@ -58,7 +59,7 @@ def new(
         content = blocks_of(name or output.stem, said, simulated)
         text = bench_text(content)
     except ValidationError as error:
-        why = "; ".join(each["msg"].removeprefix("Value error, ") for each in error.errors())
+        why = "; ".join(_said(each) for each in error.errors())
         raise UsageError(f"these answers do not make a valid bench file: {why}. {as_options(said)}") from error
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -74,6 +75,13 @@ def new(
         return 0
     terminal.result("")
     return doctor(bench=str(output))
+
+
+def _said(error: ErrorDetails) -> str:
+    if error["type"] != "missing":
+        return error["msg"].removeprefix("Value error, ")
+    role, *_, key = error["loc"]
+    return f"its {role} needs `{key}` too, which nobody asks for here: write the file by hand (`nlos schema bench`)"
 
 
 def _split(text: str) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """What belongs into the cable of a counter's input before a TTL pulse is sent through it."""
 
 from collections.abc import Mapping
+from math import inf
 
 from annotated_types import Le
 from pydantic import BaseModel
@@ -32,10 +33,10 @@ def attenuator(block: BaseModel) -> str:
 
 
 def _block(counter: type[CounterBlock], role: str) -> Mapping[str, FieldInfo]:
-    block = counter.model_fields[role].annotation
-    assert block is not None
-    return block.model_fields  # type: ignore[no-any-return]
+    return getattr(counter.model_fields[role].annotation, "model_fields", {})
 
 
-def _most_mv(fields: Mapping[str, FieldInfo]) -> int:
-    return next(int(str(each.le)) for each in fields["level_mv"].metadata if isinstance(each, Le))
+def _most_mv(fields: Mapping[str, FieldInfo]) -> float:
+    """Without a limit where the model of another package states none."""
+    limits = fields["level_mv"].metadata if "level_mv" in fields else ()
+    return next((float(str(each.le)) for each in limits if isinstance(each, Le)), inf)

@@ -13,6 +13,8 @@ from nlos.new_bench.detection import Detected, devices_of
 
 Answers = Mapping[str, str]
 YES_OR_NO = ("yes", "no")
+_USUAL_REACH_DEG = 10.0
+"""Mechanical, of a mirror whose settings do not say it in these words."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,11 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         return Question("volts_per_degree", text, "0.5", number=(0.01, 10))
 
     def reach(said: Answers) -> Question | None:
-        default = mirror_of(said).model_fields["max_mechanical_deg"].default
+        field = mirror_of(said).model_fields.get("max_mechanical_deg")
+        if field is None:
+            return None
         text = "degrees that a mirror may turn either way (mechanical; the beam turns twice that, optical)"
-        return Question("max_mechanical_deg", text, f"{default:g}", number=(0.1, 45))
+        return Question("max_mechanical_deg", text, f"{field.default:g}", number=(0.1, 45))
 
     def device(said: Answers) -> Question | None:
         kinds = devices_of(counter_of(said))
@@ -84,11 +88,13 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
 
     def pulse(key: str, text: str) -> Asking:
         def ask(said: Answers) -> Question | None:
-            takes, device = counter_of(said), said.get("device", "")
+            takes, device, role = counter_of(said), said.get("device", ""), key.removesuffix("_pulse")
+            if role not in takes.model_fields:
+                return None
             kinds: tuple[Pulse, ...] = ("nim", "ttl")
             taken = tuple(each for each in kinds if takes.pulse_keys(each, device) is not None)
             words = f"{text}: nim (0 to -0.8 V) or ttl (0 to 3 V or more"
-            words += ", behind an attenuator)" if needs_attenuator(takes, key.removesuffix("_pulse")) else ")"
+            words += ", behind an attenuator)" if needs_attenuator(takes, role) else ")"
             if len(taken) < len(kinds):
                 words += "; this counter takes no other, put a converter into the cable"
             return Question(key, words, takes.usual_pulse if takes.usual_pulse in taken else taken[0], taken)
@@ -132,7 +138,8 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         return Question("shutter_pin", "the controller's TTL output that the shutter is wired to", "9", number=(9, 16))
 
     def half_width(said: Answers) -> Question | None:
-        reach_m = float(said["wall_distance_m"]) * tan(radians(min(2 * float(said["max_mechanical_deg"]), 60.0)))
+        reach_deg = min(2 * float(said.get("max_mechanical_deg", _USUAL_REACH_DEG)), 60.0)
+        reach_m = float(said["wall_distance_m"]) * tan(radians(reach_deg))
         aside_m = max(abs(float(said["scanner_x_m"])), abs(float(said["scanner_y_m"])))
         text = "how far from the wall's centre the beam may be sent to the left and right, in metres"
         return Question("half_m", text, f"{max(0.05, min(1.0, 0.7 * reach_m - aside_m)):.2g}", number=(0.001, 50))
@@ -167,5 +174,5 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
 
 def has_channels(settings: type[CounterBlock]) -> bool:
     """Whether sync and detector name their inputs each in a block of its own, edges by sign."""
-    block = settings.model_fields["sync"].annotation
-    return block is not None and "channel" in block.model_fields
+    field = settings.model_fields.get("sync")
+    return "channel" in getattr(field and field.annotation, "model_fields", ())

@@ -29,7 +29,8 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
     if "volts_per_degree" in said:
         volts = float(said["volts_per_degree"])
         mirror |= {axis: {"dac": dac, "volts_per_degree": volts} for dac, axis in enumerate("xy", start=1)}
-    mirror["max_mechanical_deg"] = float(said["max_mechanical_deg"])
+    if "max_mechanical_deg" in said:
+        mirror["max_mechanical_deg"] = float(said["max_mechanical_deg"])
     if "shutter_pin" in said:
         mirror["shutter_pin"] = int(said["shutter_pin"])
     half_m, half_height_m = float(said["half_m"]), float(said["half_height_m"])
@@ -66,7 +67,7 @@ def _counter(said: Mapping[str, str], simulated: bool) -> dict[str, Any]:
     counter |= settings.laser_keys(float(said["repetition_hz"]), said.get("device", ""))
     if "input" in settings.model_fields:
         counter["input"] = int(said["detector_input"])
-    for role in ("sync", "detector"):
+    for role in (each for each in ("sync", "detector") if f"{each}_pulse" in said):
         pulse: Pulse = "nim" if said[f"{role}_pulse"] == "nim" else "ttl"
         keys = dict(settings.pulse_keys(pulse, said.get("device", "")) or {})
         if has_channels(settings):
@@ -100,7 +101,7 @@ def bench_text(content: Mapping[str, Any]) -> str:
 def attenuators(content: Mapping[str, Any]) -> list[str]:
     """What belongs into the cables of the counter's inputs before they are plugged in."""
     counter = BenchSettings.model_validate_json(json.dumps(content)).counter
-    said = ((role, attenuator(getattr(counter, role))) for role in ("sync", "detector"))
+    said = ((role, attenuator(getattr(counter, role))) for role in ("sync", "detector") if hasattr(counter, role))
     return [f"{role}: {what}" for role, what in said if what]
 
 
