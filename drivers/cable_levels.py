@@ -27,7 +27,7 @@ def level_conflicts(mirror: Any, counter: Any) -> Iterator[LevelConflict]:
             f"markers of the {mirror.model} are {sent_v:g} V, marker inputs of the {counter.model} take {most_v:g} V "
             "at most: is there a divider in each cable?",
             "Put 1 kohm in series and 2 kohm to ground, or a buffer, into each before it is plugged in; then set "
-            'levels_converted: true in the counter\'s block (docs/instruments.md, "Levels").',
+            "levels_converted: true in the counter's block.",
         )
     clock, wanted = getattr(counter, "clock_output", ""), getattr(mirror, "trigger_input", "")
     if clock not in ("", "TTL") and wanted:

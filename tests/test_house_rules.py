@@ -118,6 +118,23 @@ def test_everything_is_caught_only_where_that_has_a_reason() -> None:
     assert found == BROAD.keys()
 
 
+def test_what_a_user_is_told_names_no_page_that_only_the_repository_has() -> None:
+    """Messages, and the lines below settings: whoever installed a wheel has no `docs`."""
+    told = [f"{path.name}" for path in (TOP / "configs/bench").glob("*.yaml") if "docs/" in path.read_text("utf-8")]
+    for file, tree in files():
+        kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+        for_readers = {
+            id(getattr(node.body[0], "value", None)) for node in ast.walk(tree) if isinstance(node, kinds) and node.body
+        }
+        told += [
+            f"{file}:{node.lineno}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and "docs/" in node.value
+            if id(node) not in for_readers and not file.startswith("studies")
+        ]
+    assert not told
+
+
 def test_only_weights_from_outside_are_unpickled() -> None:
     found = {
         file

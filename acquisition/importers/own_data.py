@@ -1,8 +1,12 @@
-"""Where a user whose file is in no known format reads how to convert it."""
+"""What a user whose file is in no known format is told: how to make one of it that is read."""
 
-PAGE = "docs/howto/my-data.md"
+SAVED = "np.savez('scan.npz', histograms=counts, bin_width_s=16e-12, wall_size_m=(0.8, 0.8), rectified=False)"
+"""One line of Python, with `counts` as below."""
 
 
 def how_to_convert() -> str:
     """What to say to whoever's file cannot be read as it is."""
-    return f"{PAGE} ('Your own MAT, NPZ or folder of CSV') shows how to convert one's own."
+    return (
+        f"In Python, read it your own way and save it once: {SAVED}, with counts [H, W, T], row 0 at the top and "
+        "column 0 left, in seconds and metres. rectified=True: time 0 is the wall and direct light is gone."
+    )

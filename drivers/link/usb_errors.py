@@ -48,7 +48,7 @@ def classify(device: str, doing: str, error: usb.core.USBError) -> DeviceError:
         return DeviceBusy(
             device,
             f"this user may not open the USB device (while {doing}).",
-            "On Linux, add a udev rule for it (docs/instruments.md) and plug it in again.",
+            "On Linux, add the udev rule that `nlos devices --bench BENCH` prints, and plug it in again.",
         )
     if code == _LIBUSB_BUSY:
         return DeviceBusy(device, f"another program holds the USB device (while {doing}).", "Close that program.")

@@ -20,6 +20,10 @@ def tables() -> dict[str, Sequence[FaultRow]]:
     return {"Serial lines": SERIAL} | {f"`{each.name}`": each.faults for each in models if each.faults}
 
 
+CATALOGUE = "nlos.drivers.simulated.fault_catalogue"
+"""The module that prints the table: this one, whatever it is called as it is run."""
+
+
 def names() -> frozenset[str]:
     """What a bench file may call a fault."""
     return frozenset(row.name for rows in tables().values() for row in rows)

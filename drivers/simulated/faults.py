@@ -10,14 +10,14 @@ from nlos.configs.settings import Settings
 
 
 class Fault(Settings):
-    """One fault of the tables in docs/faults.md (`G1`, `U7`, ...), and when it strikes.
+    """One fault by its name (`G1`, `U7`, ...), and when it strikes.
 
     It strikes at the first occasion after `after_s` of bench time and after `skip` earlier occasions, `times` times.
     `parameters` are the fault's own (how many bytes, which flag).
     """
 
     name: str
-    """Its name in docs/faults.md."""
+    """`python -m nlos.drivers.simulated.fault_catalogue` prints all, with what each does."""
     after_s: float = Field(default=0.0, ge=0)
     """Bench time before which it does not strike."""
     skip: int = Field(default=0, ge=0)

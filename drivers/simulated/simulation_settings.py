@@ -30,6 +30,6 @@ class SimulationSettings(Settings):
     usb_megabytes_per_s: float | None = Field(default=None, gt=0)
     """Throughput of the USB cable; unlimited unless given."""
     faults: tuple[Fault, ...] = ()
-    """What goes wrong, see docs/faults.md."""
+    """What goes wrong, each by its name."""
     witness: str | None = None
     """A file to which the simulated table itself writes every change of shutter and beam, one line each."""

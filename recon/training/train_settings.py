@@ -19,7 +19,7 @@ class TrainSettings(Settings):
     """One training. Length counts samples, so that methods can be compared at equal numbers seen.
 
     The schedule is a warm-up, then a cosine or an exponential from `learning_rate` to `last_rate`. The defaults are the
-    recipe that trained best on two cores (docs/decisions).
+    recipe that trained best on two cores.
     """
 
     method: str

@@ -90,7 +90,7 @@ def film_of(
     with open_checked(run) as recording:
         plan = recording.plan
         if plan.frames == 1:
-            raise InvalidData(f"{run}: is a scan of one frame; `frames` in a scan file makes more (docs/howto)")
+            raise InvalidData(f"{run}: is a scan of one frame; `frames` in a scan file makes more")
         each = (1 if memory else plan.cycle) if window is None else window
         if each > plan.frames:
             raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")

@@ -31,18 +31,23 @@ def test_the_spot_is_where_it_is(converted: Path, name: str) -> None:
     assert picture.depth_m[row, col] == pytest.approx(0.5, abs=0.015)
 
 
-def test_errors_about_unreadable_files_point_to_the_page(converted: Path) -> None:
+def test_errors_about_unreadable_files_say_how_to_make_one_that_is_read(converted: Path) -> None:
     from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.importers.own_data import PAGE as NAMED
+    from nlos.acquisition.importers.own_data import SAVED
     from nlos.cli.archive import files_of
     from nlos.cli.exit_codes import UsageError
 
-    assert (PAGE.parents[2] / NAMED) == PAGE
-    assert "\n## Your own MAT, NPZ or folder of CSV\n" in PAGE.read_text(encoding="utf-8")
+    counts = np.random.default_rng(0).poisson(1.0, (4, 4, 64))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(converted)
+        exec(SAVED, {"np": np, "counts": counts})
+    scan = nlos.load(converted / "scan.npz")
+    np.testing.assert_array_equal(scan.counts, counts)
+    assert scan.bin_width_s == 16e-12
     for name in ("lab.mat", "lab.npz", "points/x+387.5_y+387.5.csv"):
-        with pytest.raises(InvalidData, match=re.escape(NAMED)):
+        with pytest.raises(InvalidData, match=re.escape(SAVED)):
             nlos.load(converted / name)
-    with pytest.raises(UsageError, match=re.escape(NAMED)):
+    with pytest.raises(UsageError, match=re.escape(SAVED)):
         files_of([converted / "points"])
-    with pytest.raises(IsADirectoryError, match=re.escape(NAMED)):
+    with pytest.raises(IsADirectoryError, match=re.escape(SAVED)):
         nlos.load(converted / "points")

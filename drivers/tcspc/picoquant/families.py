@@ -160,8 +160,7 @@ class PicoquantSettings(CounterBlock):
     """For a laser faster than the sync input (10 MHz PicoHarp, 12.5 MHz HydraHarp, 78 MHz MultiHarp): only every N-th
     pulse is timed, the instrument reckons those between. Times are after the last pulse, as without it."""
     levels_converted: bool = False
-    """Divider and stretcher are in the cables from and to the mirror controller (docs/instruments.md,
-    "Levels")."""
+    """Divider and stretcher are in the cables from and to the mirror controller: `nlos doctor` says which."""
     marker_holdoff_ns: int = Field(default=1000, ge=0)
     """Edges of one marker input closer together than this are taken for one."""
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)

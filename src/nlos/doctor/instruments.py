@@ -35,7 +35,7 @@ def shutter(bench: Bench) -> Iterator[Finding]:
     elif state.feedback_open is None:
         remedy = "Wire its contact." if bench.settings.shutter_on == "counter" else (
             "This output has no input for a contact: watch the shutter close, or put it on a counter's output that "
-            "reads back (docs/instruments.md, Wiring).")  # fmt: skip
+            "reads back.")  # fmt: skip
         yield warned("shutter", "commanded closed; nothing reads back whether it is", remedy)
     else:
         yield passed("shutter", "closed and read back, interlock closed")

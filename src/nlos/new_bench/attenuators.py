@@ -28,7 +28,7 @@ def attenuator(block: BaseModel) -> str:
         return ""
     return (
         f"TTL is 3 V or more, the levels of this input end at {most_mv / 1000:g} V: put an attenuator to below "
-        f"{most_mv / 1000:g} V into its cable before it is plugged in (docs/instruments.md, Levels)."
+        f"{most_mv / 1000:g} V into its cable before it is plugged in."
     )
 
 
