@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
 from nlos.acquisition.wall import WallGrid
+from nlos.cli.figure import figure
 from nlos.recon.gallery import gallery
 from nlos.recon.results import write_results
 from nlos.recon.volume import Reconstruction
@@ -46,3 +48,22 @@ def test_names_say_the_method_once(nlos, tmp_path: Path) -> None:  # type: ignor
     assert done.returncode == 0, done.stderr
     with Image.open(tmp_path / "f.png") as image:
         assert image.width == round(89 / 25.4 * 300)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("statu", r"statu: no such file\. Did you mean \S*statue\?"),
+        ("statue.h5", r"statue\.h5: no such file\. Did you mean \S*statue\?"),
+        ("statue/reconstruction", r"Did you mean \S*statue/reconstruction\.h5\?"),
+        ("empty", r"empty: holds no reconstruction\.h5\. Make one with `nlos reconstruct`"),
+        ("nowhere/x", r"x: no such file\. Make one with `nlos reconstruct`"),
+    ],
+)
+def test_a_result_that_is_not_there_is_told_with_the_one_that_may_have_been_meant(
+    given: str, said: str, tmp_path: Path
+) -> None:
+    write_results(tmp_path / "statue", picture("nano"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match=said):
+        figure([tmp_path / given], tmp_path / "f.png")

@@ -1,10 +1,12 @@
 """`nlos figure`: results side by side on one scale, at a journal's width."""
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.recon.results import read_reconstruction
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from nlos.recon.volume import Reconstruction
 
 KINDS = (".pdf", ".svg", ".png")
+_FILE = "reconstruction.h5"
 
 
 def figure(
@@ -36,14 +39,25 @@ def figure(
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
     if output.exists() and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
-    files = [place / "reconstruction.h5" if place.is_dir() else place for place in results]
-    made = [read_reconstruction(file) for file in files]
+    made = [read_reconstruction(_file_of(place)) for place in results]
     names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
     with whole_file(output) as partial:
         save_gallery(gallery(made, names, width_mm), partial, output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))
+
+
+def _file_of(place: Path) -> Path:
+    """Of a result, its folder or the file itself. Raises `FileNotFoundError` with what may have been meant."""
+    file = place / _FILE if place.is_dir() else place
+    if file.exists():
+        return file
+    beside = {each.parent.name: each.parent for each in place.parent.glob(f"*/{_FILE}")}
+    alike = get_close_matches(place.name, beside, n=1)
+    meant = f"Did you mean {beside[alike[0]]}?" if alike else meant_by(place)
+    why = f"holds no {_FILE}" if place.is_dir() else "no such file"
+    raise FileNotFoundError(f"{place}: {why}. {meant or 'Make one with `nlos reconstruct`.'}")
 
 
 def _named(results: list[Path], made: "list[Reconstruction]") -> list[str]:
