@@ -53,10 +53,16 @@ def of_packages(own: frozenset[str]) -> dict[str, EntryPoint]:
     found: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value)):
         if point.name in own or point.name in found or in_a_file(point.name):
-            _log.warning("the method %s of %s is skipped: the name is taken", point.name, _package(point))
+            _say_skipped(point.name, _package(point))
         else:
             found[point.name] = point
     return found
+
+
+@cache
+def _say_skipped(name: str, package: str) -> None:
+    """Once: a command asks for the methods several times."""
+    _log.warning("the method %s of %s is skipped: the name is taken", name, package)
 
 
 def line_of_package(point: EntryPoint) -> str:

@@ -90,7 +90,8 @@ def run(arguments: list[str]) -> int:
 
         completion_init()
     try:
-        code = int(app(rest, standalone_mode=False) or 0)
+        with terminal.results_alone():
+            code = int(app(rest, standalone_mode=False) or 0)
         if code == _INTERRUPTED:  # what typer makes of a Ctrl-C
             return ended_by_signal(KeyboardInterrupt(), code)
         terminal.finish()

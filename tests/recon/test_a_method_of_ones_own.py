@@ -1,5 +1,6 @@
 """A method of one's own is a file, or a package's entry point; what is wrong with it is said with its file and line."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from nlos.recon.evaluate import evaluate
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import catalogue, find, parse_settings, usable
 from nlos.recon.reconstruct import reconstruct
+from tests.command import nlos as command_nlos
 
 EXAMPLE = Path(__file__).with_name("method_of_ones_own.py")
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "methods.md"
@@ -126,6 +128,16 @@ def test_what_is_wrong_with_a_file_is_said_with_its_line(case: str, scan: Transi
     assert case == "no file" or "mine.py" in str(raised.value)
 
 
+def test_what_it_prints_is_no_part_of_the_json_document(tmp_path: Path) -> None:
+    loud = TEXT.replace("brightest = counts", "print('loud'); brightest = counts")
+    (tmp_path / "mine.py").write_text(loud.replace("import torch\n", "import torch\n\nprint('louder')\n", 1), "utf-8")
+    np.savez(tmp_path / "scan.npz", histograms=np.ones((4, 4, 32)), bin_width_s=1e-10, wall_size_m=1.0, rectified=True)
+    words = ("reconstruct", "scan.npz", "--method", "./mine.py", "-o", "out", "--json")
+    done = command_nlos(tmp_path, *words, check=True)
+    assert json.loads(done.stdout)["reconstructions"][0]["folder"] == "out"
+    assert {"loud", "louder"} <= set(done.stderr.split())
+
+
 def test_a_wrong_setting_of_it_is_named() -> None:
     with pytest.raises(ReconError, match="no setting 'least_count'; did you mean 'least_counts'"):
         parse_settings(str(EXAMPLE), {"least_count": 1})
@@ -141,10 +153,13 @@ def test_a_package_brings_its_own(scan: Transient, tmp_path: Path, monkeypatch: 
     points = "[nlos.methods]\nbrightest = acme_deep\nlct = acme_deep\ntorn = acme_torn\n"
     (about / "entry_points.txt").write_text(points, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
+    said: list[str] = []
+    monkeypatch.setattr("nlos.recon.own_methods._log.warning", lambda form, *words: said.append(form % words))
     assert catalogue()["brightest"] == "Bright. (package acme)"
     assert find("lct").__name__ == "nlos.recon.methods.lct"  # type: ignore[attr-defined]
     assert reconstruct(scan, "brightest").albedo[1, 5] == 9
     assert {"brightest", "torn"} - set(usable()) == {"torn"}
+    assert said == ["the method lct of acme is skipped: the name is taken"]
     with pytest.raises(ReconError, match=r"acme_torn\.py:1: ZeroDivisionError"):
         find("torn")
     for name in [name for name in sys.modules if re.match("acme_(deep|torn)", name)]:

@@ -4,7 +4,7 @@ import json
 import logging
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,13 @@ class Terminal:
             yield
         finally:
             self.about = ""
+
+    @contextmanager
+    def results_alone(self) -> Iterator[None]:
+        """With --json stdout is left to the document: what somebody's method or driver prints meanwhile goes to
+        stderr."""
+        with redirect_stdout(sys.stderr) if self.as_json else nullcontext():
+            yield
 
     def finish(self) -> None:
         """Prints the JSON document, when that was asked for."""
