@@ -104,11 +104,26 @@ def _on_grid(
     return LoadedScan(Transient(cube, exposure_s, wall, time), {}, nothing, nothing, rectified, None, None, None)
 
 
+def in_its_numbers(transient: Transient) -> Transient:
+    """The same, whatever kind of number its arrays were changed to. Raises `InvalidData` for what holds none."""
+    if np.ma.is_masked(transient.counts):
+        raise InvalidData("counts are masked. Set exposure_s to 0 at points that were not measured.")
+    counts, exposure_s = _numbers(transient.counts, "counts"), _numbers(transient.exposure_s, "exposure_s")
+    return replace(
+        transient,
+        counts=np.asarray(counts, dtype=np.float32),
+        exposure_s=np.asarray(np.ma.filled(exposure_s, 0), dtype=np.float64),
+    )
+
+
 def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
     try:
         array = np.asanyarray(values) if np.ma.isMaskedArray(values) else np.asarray(values)
     except ValueError as error:
         raise InvalidData(f"{name}: lists of unequal lengths; an array of numbers is expected.") from error
+    except (RuntimeError, TypeError) as error:  # a tensor on a GPU, of a kind that NumPy lacks, or with a gradient
+        why = str(error).rstrip(".")
+        raise InvalidData(f"{name}: {type(values).__name__} is not read as a NumPy array: {why}.") from error
     if array.dtype.kind not in "uifb":
         raise InvalidData(f"{name} hold {array.dtype}; an array of real numbers is expected.")
     return array

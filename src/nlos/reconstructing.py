@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import Transient
-from nlos.array_scan import Array, Places, Size, scan_from_arrays, whether_rectified
+from nlos.array_scan import Array, Places, Size, in_its_numbers, scan_from_arrays, whether_rectified
 from nlos.chain import reconstruct_scan, reconstruct_transient
 from nlos.loaded import said_rectified
 from nlos.picture import Picture
@@ -72,7 +72,7 @@ def reconstruct(
     if isinstance(scan, Transient):
         of_scans = {"rectified": said, "constants": constants, "offsets": settings.get("offsets")}
         _refuse({**of_arrays, **of_scans}, "the transient is calibrated, and says so itself; leave it out.")
-        made = reconstruct_transient(scan, recipe)
+        made = reconstruct_transient(in_its_numbers(scan), recipe)
     elif isinstance(scan, Scan):
         _refuse(of_arrays, "the scan says so itself; these belong to plain arrays.")
         loaded, whole = scan.loaded, scan.whole

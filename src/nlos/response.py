@@ -47,22 +47,26 @@ def response_wanted(said: object) -> ResponseWanted:
     """
     if isinstance(said, ResponseWanted):
         return said
-    if said is None or said == "auto":
+    if said is None or (isinstance(said, str) and said == "auto"):  # a curve alone equals no word, but elementwise
         return AUTO
-    if said == "none":
+    if isinstance(said, str) and said == "none":
         return ResponseWanted(False)
     if isinstance(said, Response):
         return ResponseWanted(False, said)
-    if isinstance(said, tuple) and len(said) == 2:
-        return ResponseWanted(False, measured(said[0], float(said[1]), "the curve given"))
+    curve = None
     try:
-        fwhm_ps = float(said)  # type: ignore[arg-type]
+        if isinstance(said, tuple) and len(said) == 2:
+            curve, step_s = np.asarray(said[0], dtype=float), float(said[1])
+        else:
+            fwhm_ps = float(said)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         if not isinstance(said, str | Path):
             raise InvalidSettings(
                 f"response={said!r}: auto, none, a FWHM in picoseconds, a file, or (curve, bin width in s) is expected"
             ) from None
         return ResponseWanted(False, _of_file(Path(said)))
+    if curve is not None:
+        return ResponseWanted(False, measured(curve, step_s, "the curve given"))
     if not NARROWEST_PS <= fwhm_ps <= WIDEST_PS:
         hint = f" Did you mean {fwhm_ps * 1e12:g}?" if NARROWEST_PS <= fwhm_ps * 1e12 <= WIDEST_PS else ""
         raise InvalidSettings(

@@ -1,6 +1,7 @@
 """A scan in Python: counts, places and exposure as NumPy arrays, whatever file they came from."""
 
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,11 @@ def load(
     `detector`: photons of this one alone, by the file's own number for it.
     Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
     """
+    if not isinstance(path, str | PathLike):
+        raise TypeError(
+            f"the name of a file is expected (given: {type(path).__name__}). Of an array nlos.reconstruct makes a "
+            "picture, told its wall and bin_width."
+        )
     file, given = Path(path), said_of_file(wall, bin_width, axes, whether_rectified(rectified), detector)
     if frame is None:
         return Scan(load_scan(file, given), file.name)

@@ -2,8 +2,9 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 import nlos
 from nlos.__main__ import run
 from nlos.acquisition.errors import PlanRefused, StorageError
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData, InvalidSettings
 
 BIN_S = 64e-12
@@ -112,6 +115,47 @@ def test_counts_of_any_number_type_and_byte_order_are_the_same_counts(kind: str)
     told = nlos.reconstruct(counts, wall=1.0, bin_width=BIN_S)
     picture = nlos.reconstruct(counts.astype(kind), wall=1.0, bin_width=BIN_S)
     np.testing.assert_allclose(picture.albedo, told.albedo, rtol=1e-3, atol=1e-3 * float(told.albedo.max()))
+
+
+def test_a_tensor_that_numpy_does_not_read_is_refused_with_what_to_do() -> None:
+    import torch
+
+    for tensor, why in (
+        (torch.ones(4, 4, 64, requires_grad=True), r"Tensor is not read as a NumPy array: .*tensor\.detach\(\)"),
+        (torch.ones(4, 4, 64, dtype=torch.bfloat16), "unsupported ScalarType BFloat16"),
+    ):
+        with pytest.raises(InvalidData, match=f"histograms: .*{why}"):
+            nlos.reconstruct(tensor, wall=1.0, bin_width=BIN_S)
+    with pytest.raises(TypeError, match=r"file is expected \(given: ndarray\)\. Of an array nlos\.reconstruct makes"):
+        nlos.load(np.ones((4, 4, 64)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [int, np.float64, ">f4", "torch"])
+def test_a_transient_whose_counts_were_changed_to_another_kind_is_the_same(kind: object) -> None:
+    import torch
+
+    time, wall = TimeAxis(64, BIN_S), WallGrid(1.0, 1.0, 4, 4)
+    counts = np.random.default_rng(0).poisson(3.0, (64, 4, 4)).astype(np.float32)
+    plain = Transient(counts, np.ones((4, 4)), wall, time)
+    changed = torch.from_numpy(counts) if kind == "torch" else counts.astype(kind)  # type: ignore[call-overload]
+    told, picture = nlos.reconstruct(plain), nlos.reconstruct(replace(plain, counts=changed))
+    np.testing.assert_array_equal(picture.albedo, told.albedo)
+    with pytest.raises(InvalidData, match="counts are masked"):
+        nlos.reconstruct(replace(plain, counts=np.ma.masked_less(counts, 2)))
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        (np.ones(5), r"response=array.*: auto, none, a FWHM in picoseconds, a file, or \(curve, bin width in s\)"),
+        ((np.ones(5), None), r"a file, or \(curve, bin width in s\) is expected"),
+        ((["a"], 2e-11), r"a file, or \(curve, bin width in s\) is expected"),
+        ((np.ones(5), 20), "5 steps of 20 s; up to 100 ns in all make sense"),
+    ],
+)
+def test_a_response_that_is_none_is_refused_in_a_sentence(said: Any, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        nlos.reconstruct(np.ones((4, 4, 64)), wall=1.0, bin_width=BIN_S, rectified=True, response=said)
 
 
 def test_masked_points_were_not_measured() -> None:
