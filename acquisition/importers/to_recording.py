@@ -73,6 +73,8 @@ def write_recording(
             for note in scan.notes:
                 writer.log("import_note", note)
         put_in_place(partial, target)
+    except StorageError as error:
+        raise StorageError(str(error).replace(str(partial), str(target))) from error
     finally:
         partial.unlink(missing_ok=True)
         lock_file(partial).unlink(missing_ok=True)  # where the writer was broken into as it began

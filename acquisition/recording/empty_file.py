@@ -34,6 +34,8 @@ _REMEDIES = {
     errno.EMFILE: _OPEN,
     errno.ENFILE: _OPEN,
 }
+_NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
+"""What network shares say that keep folders elsewhere: a file that took its place there has it."""
 _FRESH = r"\.[0-9a-f]{16}\.new"
 
 
@@ -99,13 +101,21 @@ def put_in_place(fresh: Path, path: Path) -> None:
     try:
         os.replace(fresh, path)
         if os.name == "posix":
-            folder = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            _sync_folder(path.parent)
     except OSError as error:
-        raise StorageError(f"{path}: cannot be put in place ({error})") from error
+        raise StorageError(f"{path}: cannot be put in place ({error}). Choose another place with -o.") from error
+
+
+def _sync_folder(path: Path) -> None:
+    """Raises `OSError` where a power cut could undo what was renamed in it."""
+    folder = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    except OSError as error:
+        if error.errno not in _NO_FOLDER_SYNC:
+            raise
+    finally:
+        os.close(folder)
 
 
 def keep_as(file: Path, path: Path, word: str) -> Path:

@@ -1,5 +1,6 @@
 """One writer per scan file: a lock on `RUN.h5.lock` that goes with the process that holds it."""
 
+import errno
 import os
 import time
 from contextlib import suppress
@@ -9,6 +10,8 @@ from nlos.acquisition.errors import StorageError
 
 TRIES = 10
 TRY_AGAIN_S = 0.01
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+"""What file systems without locks say: network shares whose lock service does not run, some clusters' disks."""
 
 
 def lock_file(path: Path) -> Path:
@@ -31,7 +34,7 @@ class WriterLock:
         try:
             taken = self._take()
         except OSError as error:
-            raise StorageError(f"{path}: cannot be written there ({error.strerror})") from error
+            raise StorageError(f"{path}: {_refusal(error)}") from error
         if not taken:
             raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
 
@@ -66,10 +69,10 @@ class WriterLock:
             if _lock(fd) and _is_named(fd, self._path):
                 self._fd = fd
                 return True
-        except BaseException:
+        except BaseException as error:
             # A Ctrl-C, say: the file that was made here goes with it, unless it has become another holder's.
             try:
-                if os.name == "posix" and _lock(fd) and _is_named(fd, self._path):
+                if os.name == "posix" and (has_no_locks(error) or _lock(fd)) and _is_named(fd, self._path):
                     self._path.unlink()
             finally:
                 os.close(fd)
@@ -81,9 +84,12 @@ class WriterLock:
         """May be called twice."""
         fd, self._fd = self._fd, None
         if fd is not None:
-            if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
-                self._path.unlink(missing_ok=True)
-            os.close(fd)
+            try:
+                if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
+                    with suppress(OSError):  # in a folder where nothing may be deleted it stays: nobody holds it
+                        self._path.unlink()
+            finally:
+                os.close(fd)
 
 
 def clear_left_lock(path: Path) -> None:
@@ -94,15 +100,33 @@ def clear_left_lock(path: Path) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a living process is writing the scan file `path`."""
+    """Whether a living process is writing the scan file `path`; not where there are no locks: nobody writes there."""
     try:
         fd = os.open(lock_file(path), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
     except OSError:
         return False
     try:
         return not _lock(fd, shared=True)
+    except OSError as error:
+        if has_no_locks(error):
+            return False
+        raise
     finally:
         os.close(fd)
+
+
+def has_no_locks(error: BaseException) -> bool:
+    """Whether it is a file system without locks that speaks."""
+    return isinstance(error, OSError) and error.errno in NO_LOCKS
+
+
+def _refusal(error: OSError) -> str:
+    if not has_no_locks(error):
+        return f"cannot be written there ({error.strerror})"
+    return (
+        f"its file system has no locks ({error.strerror}), and without one two programs could write one file. Choose "
+        "another disk with -o, or have that one mounted with locks."
+    )
 
 
 def _lock(fd: int, shared: bool = False) -> bool:

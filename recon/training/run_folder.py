@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from nlos.acquisition.errors import StorageError
-from nlos.acquisition.recording.writer_lock import WriterLock
+from nlos.acquisition.recording.writer_lock import WriterLock, has_no_locks
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
@@ -211,6 +211,8 @@ def alone_in(folder: Path, rank: int) -> Iterator[None]:
     except OSError as error:
         cause = error.__cause__ if isinstance(error, StorageError) else error
         if isinstance(cause, OSError):
+            if has_no_locks(cause):
+                raise
             why = f"nothing can be written there ({cause.strerror})"
             raise StorageError(f"{folder}: {why}. Choose another folder with -o.") from error
         raise InvalidSettings(

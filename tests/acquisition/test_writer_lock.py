@@ -1,6 +1,8 @@
 """Of all who want to write a scan file one may, however often it changes hands."""
 
+import errno
 import multiprocessing
+import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,7 +19,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.salvage import resume, settle
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
+from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
 from tests.acquisition.test_resuming import killed, names, sample
 
 FORK = multiprocessing.get_context("fork")
@@ -173,3 +175,34 @@ def test_who_tidies_a_lock_away_does_not_make_two_writers(
         writer.finish(Status.INTERRUPTED)
         assert verify(path).rows.damaged == ()
     assert not path.with_name("run.h5.lock").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="flock")
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP])
+def test_on_a_file_system_without_locks_nobody_writes_and_everybody_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", refused)
+    with pytest.raises(StorageError, match=r"run\.h5: its file system has no locks .*-o"):
+        WriterLock(tmp_path / "run.h5")
+    assert list(tmp_path.iterdir()) == []
+    lock = tmp_path / "run.h5.lock"  # of a scan that was killed, copied here with its recording
+    lock.touch()
+    assert not is_locked(tmp_path / "run.h5")
+    clear_left_lock(tmp_path / "run.h5")
+
+
+def test_a_lock_that_may_not_be_deleted_is_given_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, lock = tmp_path / "run.h5", WriterLock(tmp_path / "run.h5")
+
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "unlink", refused)
+        lock.release()
+    assert not is_locked(path)
+    WriterLock(path).release()

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Callable
@@ -292,3 +293,25 @@ def test_a_scan_that_was_left_twice_knows_how_long_nobody_was_scanning(
     resumed.writer.finish(Status.INTERRUPTED)
     assert resumed.away_s == pytest.approx(1100.0, abs=0.1)
     assert resumed.elapsed_s == pytest.approx(1100.0 + 3 * (1.0 + sample(plan, 0).histogram.live_time_s), abs=0.1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders are not synced")
+@pytest.mark.parametrize(("number", "is_there"), [(errno.EINVAL, True), (errno.EIO, False)])
+def test_a_share_that_syncs_no_folders_takes_recordings(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, number: int, is_there: bool
+) -> None:
+    """SMB shares refuse that for every folder (EINVAL); what a disk refuses is told."""
+    real = os.fsync
+
+    def refused(fd: int) -> None:
+        if stat.S_ISDIR(os.fstat(fd).st_mode):
+            raise OSError(number, os.strerror(number))
+        real(fd)
+
+    monkeypatch.setattr(os, "fsync", refused)
+    if is_there:
+        RecordingWriter.create(run_path, small_plan(), Header()).finish(Status.COMPLETE)
+        assert Recording.open(run_path).status is Status.COMPLETE
+    else:
+        with pytest.raises(StorageError, match="cannot be put in place .* -o"):
+            RecordingWriter.create(run_path, small_plan(), Header())
