@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, read_only
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.transient import TimeAxis
@@ -174,7 +174,7 @@ def load(path: Path) -> BenchConstants:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with h5py.File(path, "r") as file:
+        with read_only(path) as file:
             if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
                 raise InvalidData(f"{path}: not a constants file of version {VERSION}")
             return _read(file)
@@ -190,7 +190,7 @@ def load_response(path: Path) -> ImpulseResponse:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with h5py.File(path, "r") as file:
+        with read_only(path) as file:
             if file.attrs.get("format") == FORMAT:
                 response = _read(file).response
                 if response is None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.describe import describe
+from nlos.acquisition.importers.disk_refusal import disk_refusal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
@@ -70,7 +71,11 @@ def _answer(request: dict[str, Any]) -> dict[str, object]:
         return _passed_on(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]), shown)
     except StorageError as error:
         return {"storage": str(error).replace(str(path), shown)}
-    except refusals as error:
+    except (*refusals, OSError) as error:
+        if (refused := disk_refusal(shown, error)) is not None:
+            return {"storage": str(refused)}
+        if not isinstance(error, refusals):
+            raise
         return {"error": str(error).replace(str(path), shown), "contents": _contents(path, request)}
 
 

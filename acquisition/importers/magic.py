@@ -1,7 +1,11 @@
 """What a file says that it is in its first bytes: nothing is parsed for it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
+from nlos.acquisition.importers.disk_refusal import disk_refusal
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.recording.header import FORMAT
 from nlos.acquisition.recording.no_such_file import meant_by, no_such_file
@@ -18,7 +22,7 @@ def is_recording(path: Path) -> bool:
     if magic_of(path) != HDF5_MAGIC:
         return False
     word = FORMAT.encode("ascii")
-    with path.open("rb") as file:
+    with read_bytes(path) as file:
         head = file.read(_FIRST_BYTES)  # where ours have it; a damaged file is read on
         return word in head or word in head[-len(word) :] + file.read(_HEAD_BYTES - _FIRST_BYTES)
 
@@ -26,7 +30,7 @@ def is_recording(path: Path) -> bool:
 def is_hdf5(path: Path) -> bool:
     """Whether a file says that it is HDF5, also behind a block of the user's own, as MATLAB writes it."""
     check_is_file(path)
-    with path.open("rb") as file:
+    with read_bytes(path) as file:
         for at in _SUPERBLOCKS:
             file.seek(at)
             if file.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
@@ -37,8 +41,18 @@ def is_hdf5(path: Path) -> bool:
 def magic_of(path: Path) -> bytes:
     """The first 8 bytes. Raises as `check_is_file`."""
     check_is_file(path)
-    with path.open("rb") as file:
+    with read_bytes(path) as file:
         return file.read(8)
+
+
+@contextmanager
+def read_bytes(path: Path) -> Iterator[BinaryIO]:
+    """The file, opened for its bytes. Raises `StorageError` where the disk does not give them."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise disk_refusal(path, error) or error from error
 
 
 def check_is_file(path: Path) -> None:

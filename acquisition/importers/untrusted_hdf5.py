@@ -9,6 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.disk_refusal import disk_refusal
+from nlos.acquisition.recording.no_such_file import no_such_file
+from nlos.acquisition.recording.writer_lock import has_no_locks
 
 MAX_BYTES = 8 << 30
 """Largest array read, as float32: a 1024 x 1024 x 2048 scan."""
@@ -19,16 +22,28 @@ MAX_RATIO = 2000
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """The file, read-only. Raises `InvalidData` where it is not HDF5, also while reading inside the block."""
+    """The file, read-only. Raises `InvalidData` where it is not HDF5, also while reading inside the block, and
+    `StorageError` where the disk does not give it."""
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+        raise no_such_file(path)
     try:
-        with h5py.File(path, "r", locking="best-effort") as file:
+        with read_only(path) as file:
             yield file
     except (OSError, RuntimeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
-        raise InvalidData(f"{path}: not a readable HDF5 file. Is the copy complete?") from error
+        damage = InvalidData(f"{path}: not a readable HDF5 file. Is the copy complete?")
+        raise disk_refusal(path, error) or damage from error
+
+
+def read_only(path: Path) -> h5py.File:
+    """The file, opened read-only, also where its file system has no locks. Raises what h5py raises."""
+    try:
+        return h5py.File(path, "r", locking="best-effort")
+    except OSError as error:
+        if not has_no_locks(error):
+            raise
+        return h5py.File(path, "r", locking=False)
 
 
 def find_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:

@@ -8,7 +8,13 @@ _ALIKE = 0.8
 
 
 def no_such_file(path: Path) -> FileNotFoundError:
-    """The error for `path`, with `meant_by` it."""
+    """The error for `path`, with `meant_by` it, or with what lies there that is no file to read."""
+    if path.exists():
+        return FileNotFoundError(
+            f"{path}: is a pipe, a device or the like, and only files are read. Save what comes out of it as one."
+        )
+    if path.is_symlink():
+        return FileNotFoundError(f"{path}: is a link to {os.readlink(path)}, and nothing is there")
     return FileNotFoundError(f"{path}: no such file" + (f". {meant}" if (meant := meant_by(path)) else ""))
 
 

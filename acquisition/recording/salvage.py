@@ -100,7 +100,7 @@ def end_film(path: Path) -> EndedFilm | None:
 
 def _behind_link(path: Path) -> Path:
     """The file itself: what is copied is renamed over it, and never over a link to it."""
-    return path.resolve() if path.is_symlink() else path
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def _clear_beside(path: Path) -> None:

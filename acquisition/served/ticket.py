@@ -15,6 +15,7 @@ import zmq
 from zmq.utils import z85
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.magic import check_is_file, read_bytes
 from nlos.acquisition.served.address import check_endpoint
 
 _KEY_LENGTH = 40  # a CurveZMQ key in Z85 (RFC 26/CURVEZMQ, RFC 32/Z85)
@@ -46,9 +47,12 @@ class Ticket:
                     f"{path}: exists and is not a ticket. Move it, or rename the recording."
                 ) from error
         fresh = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
-        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-            json.dump({"nlos": "ticket", **asdict(self), _CHECK: self._check()}, file, indent=1)
-        fresh.replace(path)
+        try:
+            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+                json.dump({"nlos": "ticket", **asdict(self), _CHECK: self._check()}, file, indent=1)
+            fresh.replace(path)
+        finally:
+            fresh.unlink(missing_ok=True)
 
     def withdraw(self, path: Path) -> None:
         """Removes the file at `path` if it is this ticket: another server may have put its own there since."""
@@ -63,8 +67,9 @@ class Ticket:
         """Raises `InvalidData` naming what is wrong, FileNotFoundError where nothing is there."""
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file. `nlos serve RUN` writes it while it serves.")
+        check_is_file(path)
         try:
-            with path.open("rb") as file:
+            with read_bytes(path) as file:
                 stored = json.loads(file.read(4096), object_pairs_hook=_each_once)
         except (ValueError, RecursionError) as error:
             raise InvalidData(f"{path}: not a ticket ({error})") from error

@@ -69,6 +69,7 @@ def read_weights(path: Path) -> Weights:
         except ForeignWeightsError as error:
             raise WeightsError(str(error)) from error
     try:
+        path.open("rb").close()  # safetensors calls every file that it may not read one that is not there
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
             about = json.loads((file.metadata() or {}).get("about", "{}"))
@@ -82,6 +83,7 @@ def read_about(path: Path) -> dict[str, Any]:
     if path.suffix in SUFFIXES:
         return {}
     try:
+        path.open("rb").close()
         with safe_open(path, framework="pt") as file:
             about = json.loads((file.metadata() or {}).get("about", "{}"))
     except (SafetensorError, OSError, ValueError) as error:
@@ -166,11 +168,14 @@ def save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    save_file(plain, partial, metadata={"about": json.dumps(about)})
-    readable_as_its_folder(partial)
-    with partial.open("rb+") as file:
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        save_file(plain, partial, metadata={"about": json.dumps(about)})
+        readable_as_its_folder(partial)
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def goes_with(path: Path, weights: str) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.isolated import read_isolated
-from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.importers.magic import check_is_file, is_recording, read_bytes
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.planning.aim import Aim
 from nlos.acquisition.recording.read_by_child import open_checked
@@ -137,11 +137,14 @@ def read_spots(path: Path, ruler_m: float = RULER_M) -> "Spots":
     """Spots from a table with a header line, each read to within `ruler_m`. Raises `InvalidData` naming file, line and
     column."""
     columns = ("x_deg", "y_deg", "x_m", "y_m")
+    check_is_file(path)
     if path.stat().st_size > LARGEST_TABLE_BYTES:
         raise InvalidData(f"{path}: is larger than any table of spots ({LARGEST_TABLE_BYTES >> 20} MiB)")
     rows, lines = [], []
     try:
-        table = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), skipinitialspace=True)
+        with read_bytes(path) as file:
+            text = io.StringIO(file.read().decode("utf-8-sig"), newline="")
+        table = csv.DictReader(text, skipinitialspace=True)
         missing = [name for name in columns if name not in (table.fieldnames or ())]
         if missing:
             raise InvalidData(f"{path}: has no column {', '.join(missing)}; expected {', '.join(columns)}")

@@ -313,5 +313,5 @@ def test_a_share_that_syncs_no_folders_takes_recordings(
         RecordingWriter.create(run_path, small_plan(), Header()).finish(Status.COMPLETE)
         assert Recording.open(run_path).status is Status.COMPLETE
     else:
-        with pytest.raises(StorageError, match="cannot be put in place .* -o"):
+        with pytest.raises(StorageError, match=r"cannot be put in place .* -o"):
             RecordingWriter.create(run_path, small_plan(), Header())

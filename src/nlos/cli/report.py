@@ -1,5 +1,6 @@
 """`nlos report`: one self-contained HTML file about one recording or several, to mail to a colleague."""
 
+from os.path import realpath
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +29,7 @@ def report(
     refuse_own_input(target, runs, "a recording that is reported on")
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
-    if len({run.resolve() for run in runs}) < len(runs):
+    if len({realpath(run) for run in runs}) < len(runs):
         raise UsageError("the same RUN is named twice")
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]
     if not all(words) or len(set(words)) < len(words):
