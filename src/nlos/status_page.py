@@ -59,6 +59,8 @@ def body(folder: Path) -> str:
     """What is known of the folder now."""
     try:
         with RunsIndex(folder) as index:
+            if index.not_kept is not None:  # it would read every recording for every look at the page
+                raise index.not_kept
             index.update()
             latest, every = index.search(limit=LATEST), index.count()
     except StorageError as error:

@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 import shutil
 import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import closing
 from datetime import datetime
 from pathlib import Path
@@ -15,7 +17,6 @@ import h5py
 import pytest
 
 from nlos.__main__ import run
-from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.run_notes import RunNotes
@@ -27,8 +28,10 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.run_defaults import RunDefaults
 from nlos.report.scan_part import _about
 from nlos.run_defaults import dated_name, notes_for
+from nlos.runs.database import Row, keep
 from nlos.runs.index import RunsIndex
 from nlos.runs.page import page
+from nlos.status_page import body
 from tests.acquisition.test_recording import plan_of, sample_of
 from tests.nlos.conftest import SMALL
 
@@ -297,10 +300,39 @@ def test_the_page_has_a_card_and_a_picture_for_each_and_runs_no_script_of_a_note
     assert "words <b>" not in html
 
 
-def test_an_index_that_cannot_be_kept_says_where_else_it_may(three: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(StorageError, match=r"cannot be kept there .*name another folder by NLOS_STATE"):
-        RunsIndex(three, tmp_path / "file" / "index.sqlite")
+def test_runs_are_found_where_their_index_cannot_be_kept_and_it_is_said_where_else_it_may(
+    three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "home").touch()
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path / "home"))
+    for more in ((), ("--rebuild",), ("hat",)):
+        assert run(["runs", "--folder", str(three), "--json", *more]) == 0
+        said = capsys.readouterr()
+        assert len(json.loads(said.out.splitlines()[-1])["runs"]) == (1 if "hat" in more else 3)
+        assert re.search(r"cannot be kept there .*name another folder by NLOS_STATE", said.err)
+    assert "cannot be kept there" in body(three)
+
+
+@pytest.mark.parametrize("why", ["attempt to write a readonly database", "database or disk is full"])
+def test_runs_are_found_where_their_index_cannot_be_written_any_more(
+    three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    folder, place = tmp_path / "folder", tmp_path / "index.sqlite"
+    shutil.copytree(three, folder)
+    with RunsIndex(folder, place) as index:
+        index.update()
+    shutil.copy(three / "hat.h5", folder / "again.h5")
+
+    def refused(base: sqlite3.Connection, rows: Sequence[Row]) -> None:
+        if base.execute("PRAGMA database_list").fetchone()[2]:
+            raise sqlite3.OperationalError(why)
+        keep(base, rows)
+
+    monkeypatch.setattr("nlos.runs.index.keep", refused)
+    with RunsIndex(folder, place) as index:
+        index.update()
+        assert len(index.search()) == 4
+        assert why in str(index.not_kept)
 
 
 def test_a_reader_that_does_not_start_makes_no_recording_unreadable(

@@ -45,6 +45,8 @@ def runs(
     with RunsIndex(where) as index:
         changes = index.update(afresh=rebuild)
         found, every = index.search(words or [], sort, not ascending, limit), index.count()
+    if index.not_kept is not None:
+        terminal.log(f"warning: {index.not_kept} Until then each search reads every recording again.")
     if changes.unreadable:
         terminal.log(f"warning: {changes.unreadable} recordings cannot be read: `nlos runs status:unreadable`")
     _show(found)

@@ -20,6 +20,8 @@ COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "po
            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
 DAMAGED = (sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises: the second where SQLite's own words quote bytes of it that are no text."""
+WAIT_S = 10.0
+"""For another program, which takes milliseconds. A network share without locks says that it is in use, too."""
 _VERSION = 5
 _SCHEMA = """
 CREATE TABLE runs (
@@ -52,7 +54,15 @@ def made(place: Path) -> sqlite3.Connection:
     """A new one, of no runs, in the place of whatever lies there. Raises OSError and `sqlite3.Error`."""
     for left in (place, *place.parent.glob(f"{place.name}-*")):
         left.unlink(missing_ok=True)
-    base = _connected(place)
+    return _with_tables(_connected(place))
+
+
+def in_memory() -> sqlite3.Connection:
+    """One of no runs that is kept nowhere."""
+    return _with_tables(_connected(":memory:"))
+
+
+def _with_tables(base: sqlite3.Connection) -> sqlite3.Connection:
     base.executescript(f"{_SCHEMA}PRAGMA user_version = {_VERSION};")
     return base
 
@@ -108,8 +118,8 @@ def is_in_use(error: Exception) -> bool:
     return isinstance(error, sqlite3.OperationalError) and "locked" in str(error)
 
 
-def _connected(place: Path) -> sqlite3.Connection:
-    base = sqlite3.connect(place, timeout=30.0)
+def _connected(place: Path | str) -> sqlite3.Connection:
+    base = sqlite3.connect(place, timeout=WAIT_S)
     base.text_factory = lambda raw: raw.decode("utf-8", "backslashreplace")  # of a damaged one: its checksum is wrong
     base.create_function("checksum", 1, checksum, deterministic=True)
     base.create_function("local_time", 1, local_time)

@@ -23,6 +23,7 @@ from nlos.runs.database import (
     check_pages,
     checksum,
     drop,
+    in_memory,
     is_in_use,
     keep,
     made,
@@ -56,16 +57,18 @@ class Run:
 
 
 class RunsIndex:
-    """The index of `folder`, opened, made where there is none or where it is no index."""
+    """The index of `folder`, opened, made where there is none or where it is no index. Where it cannot be kept, all
+    files are read into one that is gone with this object, and `not_kept` says why."""
 
     def __init__(self, folder: Path, place: Path | None = None) -> None:
         self.folder = folder.resolve()
         name = hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
         self.place = place or state_folder() / "runs" / f"{name}.sqlite"
+        self.not_kept: StorageError | None = None
         try:
             self._base = opened(self.place)
         except (OSError, sqlite3.Error) as error:
-            raise self._trouble("kept there", error) from error
+            self._keep_in_memory("kept there", error)
 
     def __enter__(self) -> Self:
         return self
@@ -92,12 +95,19 @@ class RunsIndex:
                     if is_in_use(error):
                         raise
             self._base.close()
-            self._base = made(self.place)
+            self._base = made(self.place) if self.not_kept is None else in_memory()
             return self._update()
         except StorageError:
             raise  # there is no process to read recordings in: the index is as good as before
         except (OSError, sqlite3.Error) as error:
-            raise self._trouble("written", error) from error
+            if self.not_kept is not None:
+                raise self._trouble("made", error) from error
+            self._base.close()
+            self._keep_in_memory("written", error)
+            return self._update()
+
+    def _keep_in_memory(self, what: str, error: Exception) -> None:
+        self.not_kept, self._base = self._trouble(what, error), in_memory()
 
     def _update(self) -> Changes:
         known = stamps(self._base)
