@@ -80,11 +80,18 @@ class TripLatch:
         self._add(f"trip: {why}")
 
     def clear(self, who: str) -> None:
-        """Raises `LimitError` where nobody gives a name."""
+        """Raises `LimitError` where nobody gives a name, or where it cannot be written down: then the trip stands."""
         who = " ".join(who.split())
         if not who:
             raise LimitError("shutter", "a trip is cleared by somebody, and no name was given.", "Give yours.")
-        self._add(f"override: {who} cleared the trip: {self.standing() or 'the instrument had it'}")
+        try:
+            self._add(f"override: {who} cleared the trip: {self.standing() or 'the instrument had it'}")
+        except OSError as error:
+            raise LimitError(
+                "shutter",
+                f"that the trip is cleared could not be written down ({error}), so it stands.",
+                "Make that place writable for you, with room on its disk, and clear the trip again.",
+            ) from error
 
     def _add(self, text: str) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,12 @@ MOST_VOXELS = 400_000
 
 
 def write_view3d(path: Path, reconstruction: Reconstruction, title: str = "") -> None:
-    """Writes bright voxels, front surface and volume with the page that turns them."""
+    """Writes the page of `view3d_page`."""
+    path.write_text(view3d_page(reconstruction, title), encoding="utf-8")
+
+
+def view3d_page(reconstruction: Reconstruction, title: str = "") -> str:
+    """Bright voxels, front surface and volume with the page that turns them, as HTML."""
     points, albedo = solid_points(reconstruction)
     wall = reconstruction.wall
     near, far = depth_limits([reconstruction])
@@ -34,16 +39,13 @@ def write_view3d(path: Path, reconstruction: Reconstruction, title: str = "") ->
         **solid_scene(reconstruction),
     }
     page = Template((Path(__file__).parent / "view3d.html").read_text(encoding="utf-8").replace("$$", "$$$$"))
-    path.write_text(
-        page.substitute(
-            title=html.escape(title or reconstruction.scan or f"{reconstruction.method} reconstruction"),
-            subtitle=html.escape(small_print(reconstruction)),
-            threshold=f"{SOLID:g}",
-            faint=f"{FAINT:g}",
-            turnable=(Path(__file__).parent / "view3d.js").read_text(encoding="utf-8"),
-            scene=json.dumps(scene).replace("</", "<\\/"),
-        ),
-        encoding="utf-8",
+    return page.substitute(
+        title=html.escape(title or reconstruction.scan or f"{reconstruction.method} reconstruction"),
+        subtitle=html.escape(small_print(reconstruction)),
+        threshold=f"{SOLID:g}",
+        faint=f"{FAINT:g}",
+        turnable=(Path(__file__).parent / "view3d.js").read_text(encoding="utf-8"),
+        scene=json.dumps(scene).replace("</", "<\\/"),
     )
 
 

@@ -1,5 +1,6 @@
 """A trip outlasts the program: the next scan refuses until somebody clears it by name, and the log keeps all of it."""
 
+import errno
 import os
 import resource
 import tempfile
@@ -193,3 +194,20 @@ def test_a_trip_of_one_user_is_added_to_by_another_of_the_same_folder() -> None:
     ]
     assert (own / "bench.log").stat().st_mode & 0o777 == 0o644
     place.cleanup()
+
+
+def test_a_trip_whose_clearing_cannot_be_written_down_stands_and_it_is_said_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    latch = TripLatch(tmp_path / "trips" / "bench.log")
+    latch.trip("1e6 counts/s")
+
+    def refused(*_: object) -> int:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", refused)
+        with pytest.raises(LimitError, match="so it stands") as said:
+            latch.clear("Ada")
+    assert "clear the trip again" in str(said.value)
+    assert latch.standing() == "1e6 counts/s"

@@ -52,8 +52,12 @@ def small_plan(bench: Bench, dwell_s: float) -> ScanPlan:
 
 def small_scan(bench: Bench) -> Iterator[Finding]:
     """4 x 4 points of 8 ms."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield from _scanned(bench, Path(folder))
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield from _scanned(bench, Path(folder))
+    except OSError as error:
+        said = f"could not be kept in the folder for temporary files ({error.__cause__ or error})"
+        yield failed("scan", said, "Free disk space there, or name another folder by the environment variable TMPDIR.")
 
 
 def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:

@@ -1,7 +1,6 @@
 """The report as a page: the best picture first, then how good it is, then everything else; one HTML file that loads
 nothing from anywhere and prints."""
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
@@ -19,7 +18,7 @@ from nlos.recon.errors import NO_PICTURE, InvalidData
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.seen import depth_span, visible_depth
-from nlos.recon.view3d import write_view3d
+from nlos.recon.view3d import view3d_page
 from nlos.report.calibration_part import calibrated
 from nlos.report.html import folded, picture
 from nlos.report.scan_part import ScanPart, scan_part
@@ -160,11 +159,7 @@ def _turning(result: "Reconstruction") -> str:
     """The 3D view on a screen, a still picture of it on paper."""
     from nlos.report.still import still_figure
 
-    with tempfile.TemporaryDirectory(prefix="nlos-report-") as folder:
-        page = Path(folder) / "view.html"
-        write_view3d(page, result)
-        # In a sandbox: the view's script turns points, and reaches nothing else of the page.
-        source = escape(page.read_text(encoding="utf-8"))
+    source = escape(view3d_page(result))  # in a sandbox: its script turns points, and reaches nothing else of the page
     view = f'<iframe sandbox="allow-scripts allow-downloads" title="3D view" srcdoc="{source}"></iframe>'
     still = picture(still_figure(result), f"{result.method.upper()} in 3D; near is yellow")
     return f'<h2>In three dimensions</h2>{view}<div class="still">{still}</div>'

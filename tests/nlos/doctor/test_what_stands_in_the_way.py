@@ -13,10 +13,12 @@ from pathlib import Path
 import pytest
 
 from nlos.__main__ import run
+from nlos.acquisition.errors import StorageError
 from nlos.cli.terminal import terminal
 from nlos.configs.load import find, load
 from nlos.doctor.silence import why_silent
-from nlos.drivers.bench import BenchSettings
+from nlos.doctor.small_scan import small_scan
+from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceBusy, DeviceTimeout
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.link.port_owner import owners_of, usb_nodes
@@ -127,3 +129,17 @@ def test_the_doctor_goes_on_without_the_counter_but_moves_no_real_mirror_unasked
         said = capsys.readouterr().out
         assert f"triggerscope at {path}" in said
         assert "wrong firmware" in said
+
+
+def test_a_full_folder_for_temporary_files_fails_the_small_scan_and_no_other_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> Path:
+        raise StorageError("doctor.h5: cannot reserve 1 MB. Choose another place with -o.") from OSError(28, "full")
+
+    monkeypatch.setattr("nlos.acquisition.recording.writer.lay_out", refused)
+    with open_bench(load("bench", "zero_latency", BenchSettings).settings) as bench:
+        (found,) = small_scan(bench)
+    assert (found.verdict, found.what) == ("FAIL", "scan")
+    assert "TMPDIR" in found.remedy
+    assert " -o" not in found.said
