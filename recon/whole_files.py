@@ -10,14 +10,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
+from nlos.acquisition.recording.disk_refusal import told_of
+
 
 @contextmanager
 def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
     """A hidden folder inside `folder` to write files to. When the block ends they take their places in `folder`, and
-    files named in `stale` that were not written anew go; where the block fails, nothing changes."""
+    files named in `stale` that were not written anew go; where the block fails, nothing changes. Raises `StorageError`
+    where the disk does not take them."""
     there_before = folder.exists()
     partial = folder / f".{os.getpid()}-{secrets.token_hex(4)}.part"  # in a container a killed one had the same number
-    with _ended_in_order():
+    with told_of(folder, partial), _ended_in_order():
         try:
             partial.mkdir(parents=True)
             yield partial

@@ -18,10 +18,10 @@ import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.describe import describe
-from nlos.acquisition.importers.disk_refusal import disk_refusal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
+from nlos.acquisition.recording.disk_refusal import disk_refusal
 from nlos.acquisition.response import as_json
 
 

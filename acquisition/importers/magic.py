@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from nlos.acquisition.importers.disk_refusal import disk_refusal
 from nlos.acquisition.importers.own_data import how_to_convert
+from nlos.acquisition.recording.disk_refusal import disk_refusal
 from nlos.acquisition.recording.header import FORMAT
 from nlos.acquisition.recording.no_such_file import meant_by, no_such_file
 

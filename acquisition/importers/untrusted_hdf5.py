@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.disk_refusal import disk_refusal
+from nlos.acquisition.recording.disk_refusal import disk_refusal
 from nlos.acquisition.recording.no_such_file import no_such_file
 from nlos.acquisition.recording.writer_lock import has_no_locks
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.disk_refusal import remedy
 from nlos.acquisition.recording.file_bytes import HdfBytes
 from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, write_plan
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
@@ -26,14 +27,6 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 from nlos.drivers.exit_paths import a_bench_is_open
 
-_REMEDY = "Free disk space, or choose another place with -o."
-_OPEN = "That is no matter of the disk: close what else is open, or raise the limit (ulimit -n)."
-_REMEDIES = {
-    errno.EFBIG: "Its file system, or a limit of this session (ulimit -f), takes no file that large: choose another "
-    "place with -o, or fewer points or bins.",
-    errno.EMFILE: _OPEN,
-    errno.ENFILE: _OPEN,
-}
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
 """What network shares say that keep folders elsewhere: a file that took its place there has it."""
 _FRESH = r"\.[0-9a-f]{16}\.new"
@@ -74,7 +67,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         size = points * (bins * 4 + RECORD.itemsize)
         raise StorageError(
             f"{target}: cannot reserve {size / 1e6:.0f} MB for {points} points of {bins} bins ({error}). "
-            f"{_REMEDIES.get(getattr(error, 'errno', None) or 0, _REMEDY)}"
+            f"{remedy(error)}"
         ) from error
     return fresh
 

@@ -56,7 +56,7 @@ def keep_beam_seen(settings: BenchSettings, by: str, spots: Spots) -> None:
         with whole_file(path) as partial:
             partial.write_text(json.dumps(said), "utf-8")
     except OSError as error:
-        log.warning("%s: not written (%s): scans will say that nobody has seen the beam", path, error.strerror)
+        log.warning("%s: not written (%s): scans will say that nobody has seen the beam", path, error.strerror or error)
 
 
 def judge_beam(settings: BenchSettings, aim: Aiming, by_spots: bool = False) -> BeamJudged:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.writable import check_writable
 
 
@@ -13,7 +14,7 @@ from nlos.writable import check_writable
 def whole_file(target: Path) -> Iterator[Path]:
     """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
     Raises `FileNotFoundError` where there is no folder for it, `IsADirectoryError` where it is one,
-    and as `check_writable` does."""
+    `StorageError` where the disk does not take it, and as `check_writable` does."""
     if target.is_dir():
         raise IsADirectoryError(f"{target}: is a folder. Name the file in it.")
     if not target.absolute().parent.is_dir():
@@ -21,7 +22,8 @@ def whole_file(target: Path) -> Iterator[Path]:
     check_writable(target.parent)
     partial = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.part")  # two may write it at once
     try:
-        yield partial
-        partial.replace(target)
+        with told_of(target, partial):
+            yield partial
+            partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)

@@ -61,7 +61,7 @@ class Journal:
             with whole_file(self.path.with_name(PLAN)) as partial:
                 partial.write_text(json.dumps(dict(expected_s)), encoding="utf-8")
         except OSError as error:
-            terminal.log(f"warning: {self.path.with_name(PLAN)}: cannot be written ({error.strerror})")
+            terminal.log(f"warning: {self.path.with_name(PLAN)}: cannot be written ({error.strerror or error})")
 
     def _torn(self) -> bool:
         """Whether the last line was cut short."""

@@ -1,7 +1,9 @@
-"""What a disk refuses to give, told apart from what is wrong with a file that lies on it."""
+"""What a disk refuses to give or to take, told of the file that a person knows, with what to do."""
 
 import errno
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
@@ -13,6 +15,16 @@ _REFUSALS = {
                  "EPERM", "EMFILE", "ENFILE", *(errno.errorcode[number] for number in NO_LOCKS))
 } - {None}  # fmt: skip
 _MOST_BEHIND = 20
+_MAKE_ROOM = "Free disk space, or choose another place with -o."
+_OPEN = "That is no matter of the disk: close what else is open, or raise the limit (ulimit -n)."
+_REMEDIES = {
+    errno.ENOSPC: _MAKE_ROOM,
+    getattr(errno, "EDQUOT", errno.ENOSPC): _MAKE_ROOM,
+    errno.EFBIG: "Its file system, or a limit of this session (ulimit -f), takes no file that large: choose another "
+    "place with -o, or write less into one file.",
+    errno.EMFILE: _OPEN,
+    errno.ENFILE: _OPEN,
+}
 
 
 def disk_refusal(path: Path | str, error: BaseException) -> StorageError | None:
@@ -30,3 +42,22 @@ def disk_refusal(path: Path | str, error: BaseException) -> StorageError | None:
         more = (each.__cause__, each.__context__)
         behind += [one for one in more if one is not None and len(behind) < _MOST_BEHIND]
     return None
+
+
+def remedy(error: BaseException) -> str:
+    """What helps against a disk that does not take a file."""
+    return _REMEDIES.get(getattr(error, "errno", None) or 0, "Choose another place with -o.")
+
+
+@contextmanager
+def told_of(target: Path, partial: Path) -> Iterator[None]:
+    """What a disk refuses of `partial`, or of files in it, is told of `target`, which it becomes. Raises
+    `StorageError`."""
+    try:
+        yield
+    except OSError as error:
+        named = partial if error.filename is None else Path(os.fsdecode(error.filename))
+        if error.errno is None or not named.is_relative_to(partial):
+            raise
+        place = target / named.relative_to(partial)
+        raise StorageError(f"{place}: cannot be written ({error.strerror}). {remedy(error)}") from error

@@ -11,12 +11,14 @@ import pytest
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers import isolated_child
-from nlos.acquisition.importers.disk_refusal import disk_refusal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
+from nlos.acquisition.recording.disk_refusal import disk_refusal
 from nlos.acquisition.served.ticket import Ticket
 from nlos.calibration.constants import load_response
 from nlos.calibration_input import read_spots
+from nlos.recon.whole_files import whole_files
+from nlos.whole_file import whole_file
 
 fcntl = pytest.importorskip("fcntl", reason="Windows has other locks, and no pipes among its files")
 
@@ -85,3 +87,23 @@ def test_a_pipe_is_called_one_and_never_waited_for(tmp_path: Path) -> None:
 
 def read_spots_by_ruler(path: Path) -> object:
     return read_spots(path, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"), [(errno.ENOSPC, "Free disk space"), (errno.EINVAL, "another place with -o")]
+)
+@pytest.mark.parametrize("named", [False, True])
+def test_what_a_disk_does_not_take_is_told_of_the_result_that_was_asked_for(
+    tmp_path: Path, number: int, cure: str, named: bool
+) -> None:
+    def refuse(partial: Path) -> None:
+        raise OSError(number, os.strerror(number), *([str(partial)] if named else []))
+
+    with pytest.raises(StorageError, match=cure) as of_one, whole_file(tmp_path / "new.npz") as partial:
+        refuse(partial)
+    with pytest.raises(StorageError, match=cure) as of_many, whole_files(tmp_path / "made") as folder:
+        refuse(folder / "albedo.png")
+    assert "new.npz: cannot be written" in str(of_one.value)
+    assert f"made{'/albedo.png' if named else ''}: cannot be written" in str(of_many.value)
+    assert ".part" not in str(of_one.value) + str(of_many.value)
+    assert list(tmp_path.iterdir()) == []
