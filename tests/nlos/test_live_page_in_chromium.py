@@ -479,6 +479,51 @@ def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_b
     page.close()
 
 
+def test_a_viewer_that_does_not_answer_is_told_and_what_it_last_said_is_not_taken_for_now(
+    folder: Path, browser: Any
+) -> None:
+    """A line that was cut while a laptop slept, say, of which nobody hears: no request fails."""
+    with viewed(folder, "silent.h5", "--method", "lct", ends=None) as url:
+        page, complaints = opened(browser, url)
+        bench = Bench(folder, "silent.h5")
+        bench.says("shutter", "opened")
+        bench.takes(64)
+        shows(page, "points", "^64 of 256$")
+        shows(page, "laser", "^LASER ON")
+        held: list[Any] = []
+        page.route("**/state*", lambda route: held.append(route))
+        bench.says("shutter", "closed")
+        bench.ends(Status.INTERRUPTED)
+        page.wait_for_timeout(500)
+        page.evaluate("heardMs -= SILENT_MS")
+        shows(page, "status", "^No answer$")
+        shows(page, "laser", "^LASER MAY BE ON")
+        shows(page, "banner", r"^The laser may still be on ?Treat it as on .*: scanning, 64 of 256 points")
+        shows(page, "banner", r"When last seen, at \d\d:\d\d:\d\d: ")
+        assert page.evaluate(TAPE) == "banner with tape"
+        assert page.title() == "No answer - silent.h5"
+        page.unroute("**/state*")
+        assert len(held) == 1
+        shows(page, "status", "^Ended early$")
+        shows(page, "laser", "^laser off since the scan's end")
+        page.route("**/picture*", lambda route: None)  # what is long in coming holds up nothing that is said
+        page.evaluate("scans[0].pictures = {}")
+        before = page.evaluate("heardMs")
+        page.wait_for_function("before => heardMs > before + 1000", arg=before)
+        page.unroute_all(behavior="ignoreErrors")
+        assert complaints == []
+        page.close()
+
+
+def test_a_page_that_slept_for_days_says_of_which_day_its_words_are(viewer: str, browser: Any) -> None:
+    page, _ = opened(browser, viewer)
+    shows(page, "status", "^Scan complete$")
+    said = page.evaluate("[moment(new Date()), moment(new Date(2020, 1, 3, 4, 5, 6))]")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d", said[0])
+    assert said[1] == "03/02/2020, 04:05:06"
+    page.close()
+
+
 HAPPENED = """() => { const state = scans[0].state; const long = "a photon where none was expected, and none where many were ".repeat(3);
   state.events = [...Array(30).keys()].map(i => [i, i % 3 ? "shutter" : "alarm", (i === 7 ? "x".repeat(200) : long) + i]); tell();
   const log = $("log"), out = [];

@@ -27,6 +27,7 @@ from nlos.live.page import LivePage
 from nlos.live.process import BEFORE, SOCKET, TOKEN, listening, methods_for, state_file, write_state
 from nlos.live.resumed import picture_before
 from nlos.live.scan import LiveScan
+from nlos.live.taken_up import TakenUp
 from nlos.live.web import WebServer
 from nlos.recon.live import LiveReconstruction
 from nlos.response import response_wanted
@@ -87,12 +88,14 @@ def live(
         scans[0].on_picture = lambda picture: write_state(state, picture)
     page = LivePage(scans, token, {f"127.0.0.1:{number}", f"localhost:{number}"})
     server = WebServer(door, page, page.nothing_new)
+    taken_up = TakenUp(scans, page, ENDS_S)
 
     def ended(number: int, frame: FrameType | None) -> None:
         server.stop()
 
     def end_when_idle() -> None:
         while not all(scan.failed for scan in scans):
+            taken_up.look()
             busy = any(not (scan.over or scan.broke_off or scan.failed) for scan in scans)
             if idle_s is not None and not busy and time.monotonic() - page.asked_s > idle_s:
                 break

@@ -24,8 +24,10 @@ EVENTS = 200
 class ScanAnswers:
     """Answers the page's questions about one `LiveScan`; may be asked from several threads."""
 
-    def __init__(self, scan: LiveScan) -> None:
+    def __init__(self, scan: LiveScan, taken_up: int = 0) -> None:
         self._scan, self._frames = scan, Frames(scan)
+        self.taken_up = taken_up
+        """How often it was followed anew: what a page knows of before is of another file, or of less of this one."""
         self._described: dict[str, tuple[LivePicture, dict[str, Any]]] = {}
 
     def stop(self, wait_s: float) -> None:
@@ -50,7 +52,8 @@ class ScanAnswers:
         answer: dict[str, Any] = {
             "run": scan.run.name, "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
             "made": scan.pictures, "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [],
-            "alarms": 0, "status": "waiting", "lost": scan.error is not None or scan.broke_off,
+            "alarms": 0, "taken_up": self.taken_up, "status": "waiting",
+            "lost": scan.error is not None or scan.broke_off,
             "frames": self._frames.samples, "frames_version": self._frames.version,
             "pictures": {
                 method: {"samples": p.samples, "change": p.change, "error": p.error,

@@ -35,6 +35,12 @@ class LivePage:
         for scan in self._scans:
             scan.stop(wait_s)
 
+    def begin_anew(self, number: int, scan: LiveScan, wait_s: float) -> None:
+        """Shows `scan` in the place of the one of that number, of which nothing is made any more on return."""
+        before = self._scans[number]
+        self._scans[number] = ScanAnswers(scan, before.taken_up + 1)
+        before.stop(wait_s)
+
     def __call__(self, request: Request) -> Answer:
         """Raises `Refused`."""
         what = admitted(request, self._token, self._hosts)

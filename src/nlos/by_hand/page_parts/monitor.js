@@ -1,6 +1,6 @@
 // Asks for the newest update, which comes as soon as there is one, and draws it.
-const MINUTE_S = 60, NEAR_NS = 1.2, STALE_S = 1.0;
-let now = null, counts = null, trend = [], best = 0, log = true, has = 0, missed = 0, over = false, last_s = 0, paces = [];
+const MINUTE_S = 60, NEAR_NS = 1.2, STALE_S = 1.0, SILENT_S = 3.0;
+let now = null, counts = null, trend = [], best = 0, log = true, has = 0, missed = 0, over = false, last_s = 0, heard_s = 0, paces = [];
 const hz = (v, unit) => v === null || v === undefined || !Number.isFinite(v) ? "–" : v >= 1e6 ? (v / 1e6).toPrecision(4) + " M" + unit : v >= 1e3 ? (v / 1e3).toPrecision(4) + " k" + unit : v.toFixed(v < 100 ? 1 : 0) + " " + unit;
 const signed = (v, digits) => (v < 0 ? "−" : "+") + Math.abs(v).toFixed(digits);
 function say(id, text, wrong = false) { const box = $(id); if (box.textContent !== text) box.textContent = text; box.classList.toggle("wrong", wrong); }
@@ -37,11 +37,17 @@ function stale(why) { document.body.classList.add("stale"); say("light", why); $
 async function follow() {
   while (!over) {
     if (document.hidden) { await new Promise(done => document.addEventListener("visibilitychange", done, {once: true})); continue; }
-    try { const got = await ask("newest?has=" + has); missed = 0; if (got.number) take(got); }
-    catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; if (++missed >= 3) { stale("no answer"); banner("The page is no longer told", "Look at the terminal: the program there continues without this page, or has ended.", "bad"); } await new Promise(done => setTimeout(done, 500)); }
+    try { const got = await ask("newest?has=" + has); missed = 0; heard_s = Date.now() / 1e3; if (got.number) take(got); }
+    catch (error) { if (!noAnswer(error)) throw error; if (++missed >= 3) untold(); await new Promise(done => setTimeout(done, 500)); }
   }
 }
-setInterval(() => { if (!over && now && !missed && performance.now() / 1e3 - last_s > STALE_S) { stale("no update"); banner("No update", "The program waits, for an answer at its terminal or for an instrument. What is shown is old.", ""); } }, 250);
+function untold() { stale("no answer"); banner("The page is no longer told", "Look at the terminal: the program there continues without this page, or has ended.", "bad"); }
+setInterval(() => {
+  if (over || !now || missed) return;
+  if (!document.hidden && Date.now() / 1e3 - heard_s > SILENT_S) untold(); // whatever the program does, its page answers within a tenth of a second
+  else if (performance.now() / 1e3 - last_s > STALE_S) { stale("no update"); banner("No update", "The program waits, for an answer at its terminal or for an instrument. What is shown is old.", ""); }
+}, 250);
+document.addEventListener("visibilitychange", () => { if (!document.hidden) heard_s = Math.max(heard_s, Date.now() / 1e3 - SILENT_S + STALE_S); });
 const flips = {l: () => { log = !log; draw(); }, c: () => { trend = []; best = 0; draw(); }, t: () => { const root = document.documentElement, dark = (root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark"; root.dataset.theme = dark ? "light" : "dark"; draw(); }};
 for (const [id, key] of [["scale", "l"], ["clear", "c"], ["theme", "t"]]) $(id).addEventListener("click", flips[key]);
 addEventListener("keydown", e => { if (!(e.ctrlKey || e.metaKey || e.altKey) && flips[e.key]) flips[e.key](); });

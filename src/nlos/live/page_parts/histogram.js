@@ -8,8 +8,9 @@ const histogram = {
     if (this.pinned !== null) return this.pinned;
     return placeOf(known, known.state.samples - 1);
   },
+  forget() { this.pinned = this.counts = this.shown = null; },
   async ask() {
-    const at = this.place(); if (at === null) return; const got = await ask(`histogram?scan=${chosen}&place=${at}`); if (!got.counts) return;
+    const at = this.place(), known = scans[chosen]; if (at === null) return; const got = await ask(`histogram?scan=${chosen}&place=${at}`); if (!got.counts || known !== scans[chosen]) return;
     this.counts = unpacked(got.counts); this.shown = at; this.zero = got.zero_ns; this.masked = got.masked_ns; this.draw();
   },
   draw() {

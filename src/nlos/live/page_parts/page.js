@@ -1,6 +1,6 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
-let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
+let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = "", shape = ""; // gone: "" while the viewer answers, "ended", or "silent" where no answer comes
 const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), seen: p.seen && unpacked(p.seen)} : null; }
@@ -11,8 +11,12 @@ function best(known) { // the newest picture of the best method that has one
 // Of a film under way pictures come many times a second: they are drawn as they come, and what is beside them a few times a second.
 const BESIDE_MS = 250;
 const underWay = state => state.film && !state.over && !state.lost;
-async function refresh(number, state) { // whether there is another picture
-  const known = scans[number] || (scans[number] = {pictures: {}, frames: [], frameRates: [], state, frameSeen: []}); let another = false; known.state = state;
+function adopt(state, number) { // one that was taken up again after its end is another file, or more of it: nothing of before is kept
+  let known = scans[number]; if (known && known.state.taken_up !== state.taken_up) { known = null; frame = null; tell.events = ""; histogram.forget(); if (playing) play(); }
+  scans[number] = Object.assign(known || {pictures: {}, frames: [], frameRates: [], frameSeen: []}, {state});
+}
+async function refresh(number) { // whether there is another picture
+  const known = scans[number], state = known.state; let another = false;
   if (!known.plan && state.planned) {
     const p = await ask(`plan?scan=${number}`);
     if (p.places) { known.plan = {x: unpacked(p.x_m), y: unpacked(p.y_m), order: unpacked(p.order), wall: p.wall, grid: p.grid, start: p.start_ns, bin: p.bin_ns, window: p.window}; known.pitch = Math.sqrt(p.wall[0] * p.wall[1] / p.places); }
@@ -88,8 +92,8 @@ function whyEnded(state) { // the last word on it before the status itself
 const soFar = state => count(state.samples) + (state.until_stopped ? "" : ` of ${count(state.planned)}`);
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  const seen = state.planned ? `When last seen, at ${seenAt.toLocaleTimeString("en-GB")}: ${words(state).toLowerCase()}, ${soFar(state)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
-  if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "Treat it as on and see the scan's terminal. The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter; nlos live shows it again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
+  const seen = state.planned ? `When last seen, at ${moment(seenAt)}: ${words(state).toLowerCase()}, ${soFar(state)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
+  if (gone) { const lit = lightOf(state)[1], ended = gone === "ended"; [big, small, kind] = [lit ? "The laser may still be on" : ended ? "The viewer has ended" : "No answer from the viewer", (lit ? "Treat it as on and see the scan's terminal. " : "") + (ended ? (lit ? "The viewer has ended: this" : "This") + " page no longer changes. " : "The viewer is held up, or the way to it is cut: this page changes once it answers. ") + seen + (under ? "The scan itself needs no viewer, and it alone commands the shutter" + (ended ? "; nlos live shows it again." : ".") : ended ? "Start nlos live again to see more." : ""), lit ? "bad" : ""]; }
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
@@ -107,7 +111,7 @@ function rateOf(state) { return counting(state) ? "count rate" : gone ? "count r
 function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of several scans, figures and events are of the one clicked last
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
-  put($("run"), scans.map(s => s.state.run).join(" and ")); const title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; if (document.title !== title) document.title = title; put($("notes"), Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · ")); put($("status"), gone ? "No answer: the viewer has ended" : whose(state) + words(state)); put($("next"), gone ? "" : next(state));
+  put($("run"), scans.map(s => s.state.run).join(" and ")); const title = `${gone ? GONE[gone] : words(state)} - ${state.run}`; if (document.title !== title) document.title = title; put($("notes"), Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · ")); put($("status"), gone ? GONE[gone] : whose(state) + words(state)); put($("next"), gone ? "" : next(state));
   put($("points"), soFar(state)); put($("rate"), state.rate_hz ? rate(state.rate_hz) : "–"); put($("rateof"), rateOf(state)); $("rate").className = counting(state) ? "" : "before";
   put($("noise"), noise ? `${(100 * noise.error).toFixed(1)} %, ${noise.error <= SETTLED ? "low" : "high"}` : "–"); put($("noiseof"), noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"); tellLight();
   put($("left"), state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"); $("done").style.width = state.until_stopped ? 0 : 100 * state.samples / (state.planned || 1) + "%";
@@ -118,21 +122,33 @@ function tell() {
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
+const GONE = {ended: "No answer: the viewer has ended", silent: "No answer"};
+const moment = date => date.toDateString() === new Date().toDateString() ? date.toLocaleTimeString("en-GB") : date.toLocaleString("en-GB"); // a page may have slept for days
+// Silence: an answer that is later than this is told to be missing; whoever comes back to the page waits for one no longer than that.
+const SILENT_MS = 6_000, STATE_MS = 10_000, BACK_MS = 1_000, SIDE_MS = 1_000;
 let seenAt = null; // when the viewer answered last, by this clock
-let busy = false, missed = 0, timer = 0, besideAt = -Infinity;
+let busy = false, missed = 0, timer = 0, besideAt = -Infinity, loading = null, heardMs = Date.now();
+function silence(why) { gone = why; if (scans.length) { tell(); drawBeside(); } else { put($("status"), GONE[gone]); banner({events: []}); } }
 async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
   clearTimeout(timer); if (busy || document.hidden) return; busy = true;
   try {
-    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state"); gone = false; missed = 0; seenAt = new Date(); let another = false;
-    for (let i = 0; i < got.scans.length; i++) another = await refresh(i, got.scans[i]) || another;
-    if (films && another) drawPictures();
-    if (!films || performance.now() - besideAt >= BESIDE_MS) {
-      besideAt = performance.now(); for (let i = 0; i < scans.length; i++) await refreshBeside(i);
-      if (frame === null) await histogram.ask(); tell(); if (films && another) drawBeside(); else draw();
-    }
-  } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) { tell(); drawBeside(); } else { $("status").textContent = "No answer: the viewer has ended"; banner({events: []}); } }
+    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state", STATE_MS); gone = ""; missed = 0; seenAt = new Date(); heardMs = Date.now();
+    got.scans.forEach(adopt); if (!films || performance.now() - besideAt >= BESIDE_MS) tell(); // what it says comes before its pictures, and without them where they are long in coming
+    loading = loading || load(films).catch(error => { if (!noAnswer(error)) throw error; }).finally(() => { loading = null; });
+    await Promise.race([loading, new Promise(done => setTimeout(done, SIDE_MS))]);
+  } catch (error) { if (!noAnswer(error)) throw error; if (++missed >= 3) silence(error instanceof DOMException ? "silent" : "ended"); }
   finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => underWay(s.state)) ? 5 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
+async function load(films) { // pictures and what is beside them
+  let another = false; for (let i = 0; i < scans.length; i++) another = await refresh(i) || another;
+  if (films && another) drawPictures();
+  if (!films || performance.now() - besideAt >= BESIDE_MS) {
+    besideAt = performance.now(); for (let i = 0; i < scans.length; i++) await refreshBeside(i);
+    if (frame === null) await histogram.ask(); tell(); if (films && another) drawBeside(); else draw();
+  }
+}
+function back() { if (!document.hidden) heardMs = Math.max(heardMs, Date.now() - SILENT_MS + BACK_MS); tick(); }
+setInterval(() => { if (!gone && !document.hidden && Date.now() - heardMs > SILENT_MS) silence("silent"); }, 500);
 function look(view) { document.body.dataset.view = view; for (const b of document.querySelectorAll("#tabs button[data-view]")) b.setAttribute("aria-pressed", b.dataset.view === view); draw(); }
 function flip(name) { if (name === "overlay") overlaid = !overlaid; else compared = !compared; tell(); draw(); }
 function other() { const names = scans[chosen].state.methods; method = method === null ? names[0] : names[names.indexOf(method) + 1] || null; tell(); draw(); }
@@ -148,5 +164,5 @@ addEventListener("keydown", e => {
   else sliderKey(e);
 });
 const fitted = new ResizeObserver(() => { if (scans.length) draw(); }); for (const id of ["views", "map", "histo"]) fitted.observe($(id)); // a banner that comes or goes leaves them another size
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", back);
 readInks(); tick();
