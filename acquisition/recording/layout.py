@@ -64,9 +64,10 @@ def status_row(status: Status, acknowledged: int, unix_s: float | None = None) -
 
 
 def event_row(kind: str, text: str, bench_s: float = 0.0, unix_s: float | None = None) -> npt.NDArray[Any]:
-    """A line of `/events`, (1,); words that are too long for it are cut at a letter."""
+    """A line of `/events`, (1,); words that are too long for it are cut at a letter, and what in the name of a file is
+    no text is written as Python writes it."""
     row = np.zeros(1, dtype=EVENT)
     row["unix_s"], row["bench_s"] = time.time() if unix_s is None else unix_s, bench_s
-    room = EVENT["text"].itemsize
-    row["kind"], row["text"] = kind.encode()[:24], text.encode()[:room].decode(errors="ignore").encode()
+    words = text.encode(errors="backslashreplace")[: EVENT["text"].itemsize]
+    row["kind"], row["text"] = kind.encode()[:24], words.decode(errors="ignore").encode()
     return row

@@ -14,6 +14,7 @@ from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import from_transient
+from nlos.cli.escaped import escaped
 from nlos.direct_times import DirectTimes
 from nlos.light_left_out import tell_of_light_left_out
 from nlos.loaded import LoadedScan, load_scan, refuse_full
@@ -293,7 +294,7 @@ def reconstruct_file(
     scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
     made = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
     limited = made if results.depth_m is None else within_depths(made, *results.depth_m)
-    result = replace(limited, scan=run.name, frame=frame)
+    result = replace(limited, scan=escaped(run.name), frame=frame)
     stage("drawing")
     write_results(results.path, result, overwrite=results.overwrite, keep_volume=results.volume, html=results.html)
     return result

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import Transient
 from nlos.array_scan import Size, said_of_file, whether_rectified
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
+from nlos.cli.escaped import escaped
 from nlos.loaded import LoadedScan, load_scan
 from nlos.python_words import said_in_python
 
@@ -131,5 +132,5 @@ def load(
         )
     file, given = Path(path), said_of_file(wall, bin_width, axes, whether_rectified(rectified), detector)
     if frame is None:
-        return Scan(load_scan(file, given), file.name)
-    return Scan(load_scan(file, given, range(frame, frame + 1)), file.name, load_scan(file, given))
+        return Scan(load_scan(file, given), escaped(file.name))
+    return Scan(load_scan(file, given, range(frame, frame + 1)), escaped(file.name), load_scan(file, given))

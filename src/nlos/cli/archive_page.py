@@ -2,6 +2,9 @@
 
 from html import escape
 from typing import Any
+from urllib.parse import quote
+
+from nlos.cli.escaped import escaped
 
 STYLE = (
     "body{font:15px system-ui;margin:2em;background:#111;color:#ddd}main{display:flex;flex-wrap:wrap;gap:1em}"
@@ -16,23 +19,30 @@ def page(rows: list[dict[str, Any]]) -> str:
     missing = [row for row in rows if row["outcome"] not in ("done", "partial")]
     partial = sum(row["outcome"] == "partial" for row in shown)
     title = f"{len(shown)} of {len(rows)} files" + (f", {partial} of them partial" if partial else "")
-    reasons = "".join(f"<tr><td>{escape(row['file'])}<td>{escape(row['reason'])}" for row in missing)
+    reasons = "".join(f"<tr><td>{_said(row['file'])}<td>{_said(row['reason'])}" for row in missing)
     table = f"<h2>Without a result</h2><table>{reasons}</table>" if missing else ""
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{len(shown)} reconstructions</title>'
+        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{len(shown)} reconstructions</title>"
         f"<style>{STYLE}</style><h1>{title}</h1>{table}<main>{''.join(map(_figure, shown))}</main></html>\n"
     )
 
 
+def _said(text: str) -> str:
+    """A name or a reason, whatever bytes a file name is of."""
+    return escape(escaped(text))
+
+
 def _figure(row: dict[str, Any]) -> str:
-    where = escape(row["folder"])
+    name = _said(row["file"])
+    where = escape(quote(row["folder"], errors="surrogateescape"))
     took = "" if row["seconds"] is None else f", {row['seconds']:.1f} s"
     partial = row["outcome"] == "partial"
-    said = f"<br><b>partial: {escape(row['reason'])}</b>" if partial else ""
+    said = f"<br><b>partial: {_said(row['reason'])}</b>" if partial else ""
     return (
         f"<figure{' class=partial' if partial else ''}>"
-        f'<a href="{where}/"><img loading="lazy" src="{where}/albedo.png" alt="front view">'
-        f'<img loading="lazy" src="{where}/depth.png" alt="depth"></a>'
-        f"<figcaption>{escape(row['file'])}<br><small>{escape(row['method'])}{took}</small>{said}</figcaption>"
+        f'<a href="{where}/"><img loading="lazy" src="{where}/albedo.png" alt="front view of {name}">'
+        f'<img loading="lazy" src="{where}/depth.png" alt="depth of {name}"></a>'
+        f"<figcaption>{name}<br><small>{escape(row['method'])}{took}</small>{said}</figcaption>"
         "</figure>"
     )

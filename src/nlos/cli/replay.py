@@ -14,6 +14,7 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.advice import REASON
 from nlos.chain import reconstruct_file
 from nlos.cli.contradictions import refuse_without
+from nlos.cli.escaped import escaped
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
@@ -59,7 +60,8 @@ def replay(
         writer = None
         if output is not None:
             output.parent.mkdir(exist_ok=True)
-            said = f"replayed from {run.name}, measured {recording.header.started_utc}: no new measurement was made"
+            name, began = escaped(run.name), recording.header.started_utc
+            said = f"replayed from {name}, measured {began}: no new measurement was made"
             warnings = (*recording.header.warnings, said)
             header = replace(recording.header, identity="", warnings=warnings)  # a recording of its own
             writer = RecordingWriter.create(output, recording.plan, header, overwrite=overwrite)
@@ -68,7 +70,7 @@ def replay(
                 if event.kind == REASON and not left_aside:  # else they are not the samples of which it is said
                     writer.log(event.kind, event.text, event.bench_s)
             if left_aside:
-                writer.log("left_aside", f"{run.name}: {warning}")
+                writer.log("left_aside", f"{name}: {warning}")
         samples, photons, whole = 0, 0, False
         with Progress(len(recording), what="replay") as progress:
             try:

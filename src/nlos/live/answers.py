@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nlos.acquisition.recording.ended_as_asked import word_of
+from nlos.cli.escaped import escaped
 from nlos.live.describe import described, packed, solid
 from nlos.live.file_seen import Seen
 from nlos.live.frames import Frames
@@ -50,7 +51,7 @@ class ScanAnswers:
         scan, seen = self._scan, self._scan.seen
         self._frames.start()
         answer: dict[str, Any] = {
-            "run": scan.run.name, "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
+            "run": escaped(scan.run.name), "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
             "made": scan.pictures, "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [],
             "alarms": 0, "taken_up": self.taken_up, "status": "waiting",
             "lost": scan.error is not None or scan.broke_off,
@@ -84,10 +85,11 @@ class ScanAnswers:
             "samples": done, "planned": plan.most_samples, "until_stopped": plan.until_stopped, "status": status,
             "light": light.value,
             "simulated": light not in (Light.REPLAYED, Light.UNTOLD) and is_simulated(seen.header),
-            "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,
+            "started_utc": seen.started_utc, "elapsed_s": elapsed_s,
+            "notes": {name: escaped(text) for name, text in seen.notes.items()},
             "left_s": None if plan.until_stopped else left_s,
             "rate_hz": detections / live_s if live_s else None,
-            "events": [[round(e.bench_s, 3), e.kind, e.text] for e in seen.events[-EVENTS:]],
+            "events": [[round(e.bench_s, 3), e.kind, escaped(e.text)] for e in seen.events[-EVENTS:]],
             "events_before": max(0, len(seen.events) - EVENTS),
             "alarms": sum(e.kind in ALARMS for e in seen.events),
         }  # fmt: skip

@@ -21,6 +21,7 @@ from nlos.acquisition.recording.follow import follow
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.calibration.errors import CalibrationError
 from nlos.calibration.errors import InvalidData as InvalidCalibration
+from nlos.cli.escaped import escaped
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
@@ -204,9 +205,7 @@ class LiveScan:
             self.coming = None
             if not (self.over or self._stopped.is_set()):
                 self.broke_off = True
-                self._say(
-                    f"{self.run.name}: the pictures stopped because of a bug. The scan and its samples are not affected"
-                )
+                self._say(f"{self.run.name}: the pictures stopped because of a bug. The scan and its samples are safe")
             self._ended.set()
 
     def _paint_next(self, live: "LiveReconstruction", held: Gathered, film: FilmPictures | None) -> None:
@@ -222,7 +221,7 @@ class LiveScan:
         count = len(held)
 
         def show(picture: "LivePicture") -> None:
-            named = replace(picture, reconstruction=replace(picture.reconstruction, scan=self.run.name))
+            named = replace(picture, reconstruction=replace(picture.reconstruction, scan=escaped(self.run.name)))
             self._shown(live, named, began_s)
 
         def failed(error: Exception) -> None:
@@ -252,7 +251,7 @@ class LiveScan:
                 picture = live.of_film(known.of_film, count, known.falloff)
                 if live is self.lives[-1]:
                     held.film.shown(picture.reconstruction, known.frame)
-            told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
+            told = replace(picture.reconstruction, left_aside=self.left_aside, scan=escaped(self.run.name))
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, *NO_PICTURE) as error:
             self._no_picture(live, held, count, began_s, error)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.errors import CalibrationError
 from nlos.chain import constants_for
+from nlos.cli.escaped import escaped
 from nlos.cli.terminal import terminal
 from nlos.loaded import load_scan
 from nlos.recon.errors import NO_PICTURE, InvalidData
@@ -38,7 +39,7 @@ def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> 
         made, section = _one(run, methods, knows_falloff, len(runs) > 1)
         pictures += made
         sections.append(section)
-    name = " and ".join(run.name for run in runs)
+    name = " and ".join(escaped(run.name) for run in runs)
     style = (files("nlos.report") / "style.css").read_text(encoding="utf-8")
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
@@ -65,11 +66,11 @@ def _one(
             settings: dict[str, object] = {}
             if scan.falloff is not None and knows_falloff[method]:
                 settings["falloff"] = scan.falloff
-            made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=run.name))
+            made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=escaped(run.name)))
     except (CalibrationError, *NO_PICTURE) as error:
         terminal.log(f"{run}: no picture: {error}", -1)
         trouble = f"<h2>No picture</h2><p>{escape(str(error))}</p>"
-    title = f"<h1>{escape(run.name)}</h1>"
+    title = f"<h1>{escape(escaped(run.name))}</h1>"
     best, others = made[:1], made[1:]
     return made, "".join([
         title,
