@@ -807,8 +807,14 @@ def test_the_page_is_used_by_keys_alone_and_told_to_who_cannot_see_it(viewer: st
     page, complaints = opened(browser, viewer)
     page.wait_for_selector('body[data-picture="256"]')
     page.keyboard.press("4")
-    for name in ("Front view", "Depth", "Count rate|count rate", "Histogram"):
+    for name in (
+        r"^Front view, looking towards the wall: brightest at x -0\.\d\d m, y -?0\.\d\d m; surfaces from 0\.\d\d to 1",
+        r"^Depth.* m from the wall in \d+ % of the picture$",
+        "Histogram",
+    ):
         assert page.get_by_role("img", name=re.compile(name)).count() == 1, name
+    # What takes arrow keys says so by its role: a screen reader keeps them to itself on what is an image.
+    assert page.get_by_role("application", name=re.compile("count rate")).count() == 1
     assert page.get_by_role("button", name="Side by side", pressed=True).count() == 1
     assert page.get_by_role("button", name="Depth", pressed=False).count() == 1
     stops = set()
@@ -843,3 +849,50 @@ def test_the_page_is_used_by_keys_alone_and_told_to_who_cannot_see_it(viewer: st
     assert seen[0] == seen[-1]
     assert complaints == []
     page.close()
+
+
+def test_depth_is_told_from_nothing_by_who_sees_no_colours(viewer: str, browser: Any) -> None:
+    """The near end of the colours is as light as the paper: a line goes around what is seen."""
+    page, complaints = opened(browser, viewer)
+    page.wait_for_selector('body[data-picture="256"]')
+    page.keyboard.press("2")
+    page.wait_for_selector("#depth")
+    darkest = page.evaluate(
+        """() => { const c = document.createElement("canvas"); c.width = c.height = 64; const g = c.getContext("2d");
+        g.fillStyle = `rgb(${PAPER})`; g.fillRect(0, 0, 64, 64);
+        const p = {albedo: new Float32Array(16), depth_m: new Float32Array(16).fill(.5)}; p.albedo[5] = 1;
+        outline(g, p, 4, 4, [0, 0, 64, 64]); const grey = (x, y) => g.getImageData(x, y, 1, 1).data[1];
+        return [grey(24, 16), grey(16, 24), grey(24, 31), grey(31, 24)].concat([grey(24, 24), grey(48, 16)]); }"""
+    )
+    assert max(min(a, b) for a, b in (darkest[0:2], darkest[2:4])) < 160  # the paper is 224
+    assert min(darkest[4:]) > 220
+    assert complaints == []
+    page.close()
+
+
+def test_what_is_chosen_is_seen_in_a_systems_own_colours(viewer: str, browser: Any) -> None:
+    page = browser.new_page(forced_colors="active")
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(viewer)
+    page.wait_for_selector("body[data-picture]")
+    ground = "name => getComputedStyle(document.querySelector(`[data-view=${name}]:not(body)`)).backgroundColor"
+    assert page.evaluate(ground, "both") != page.evaluate(ground, "depth")
+    page.close()
+
+
+def test_pictures_have_room_in_a_low_window_and_beside_long_names(folder: Path, browser: Any) -> None:
+    """A small laptop's screen, enlarged a little."""
+    names = ["n" * 180 + ".h5", "a\u202e<b>.h5"]
+    for name in names:
+        shutil.copy(folder / "run.h5", folder / name)
+    with viewed(folder, *names, "--method", "lct") as url:
+        page = browser.new_page(viewport={"width": 1000, "height": 520})
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(url)
+        page.wait_for_selector("body[data-picture]")
+        heights = page.evaluate("[...document.querySelectorAll('.panel canvas')].map(c => c.clientHeight)")
+        assert len(heights) == 4
+        assert min(heights) > 100
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert "\u202e" not in page.inner_text("body")  # else the words behind it are read backwards: of the laser, too
+        page.close()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def table(rows: dict[str, str]) -> str:
     """Names and values, line by line."""
-    lines = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows.items())
+    lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows.items())
     return f"<table>{lines}</table>"
 
 
@@ -29,17 +29,13 @@ def number(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def picture(figure: "Figure", caption: str) -> str:
-    """A figure as a picture inside the page."""
+def picture(figure: "Figure", caption: str, in_words: str = "") -> str:
+    """A figure as a picture inside the page; `in_words` tells its figures to who cannot see it."""
     image = io.BytesIO()
     write_png(figure, image, 120)
-    return embedded(image.getvalue(), caption)
-
-
-def embedded(png: bytes, caption: str) -> str:
-    """A PNG inside the page."""
-    data = base64.b64encode(png).decode("ascii")
+    data = base64.b64encode(image.getvalue()).decode("ascii")
+    alt = escape(f"{caption}; {in_words}" if in_words else caption)
     return (
-        f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+        f'<figure><img alt="{alt}" src="data:image/png;base64,{data}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )

@@ -22,6 +22,7 @@ from nlos.recon.seen import depth_span, visible_depth
 from nlos.recon.view3d import view3d_page
 from nlos.report.calibration_part import calibrated
 from nlos.report.html import folded, picture
+from nlos.report.in_words import in_words
 from nlos.report.scan_part import ScanPart, scan_part
 from nlos.whole_file import whole_file
 
@@ -125,7 +126,8 @@ def _label(result: "Reconstruction") -> str:
 def _hero(result: "Reconstruction") -> str:
     from nlos.recon.pictures import summary_figure
 
-    drawn = picture(summary_figure(result), f"{result.method.upper()}: front view and depth, looking towards the wall")
+    caption = f"{result.method.upper()}: front view and depth, looking towards the wall"
+    drawn = picture(summary_figure(result), caption, in_words(result))
     return f'<div class="hero">{drawn}</div>'
 
 
@@ -140,7 +142,8 @@ def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
     scans, methods = (list(dict.fromkeys(of)) for of in zip(*((r.made_from, r.method) for r in pictures), strict=True))
     rows = [[result for result in pictures if result.made_from == scan] for scan in scans]
     rows += [[result for result in pictures if result.method == method] for method in methods]
-    drawn = picture(gallery(pictures, titles, 250), "front views and depths on one scale")
+    seen = "; ".join(f"{title}: {in_words(result)}" for title, result in zip(titles, pictures, strict=True))
+    drawn = picture(gallery(pictures, titles, 250), "front views and depths on one scale", seen)
     differences = []
     for one, other in (pair for row in rows for pair in pairwise(row)):
         this, that = _titled(one), _titled(other)
@@ -161,8 +164,9 @@ def _turning(result: "Reconstruction") -> str:
     from nlos.report.still import still_figure
 
     source = escape(view3d_page(result))  # in a sandbox: its script turns points, and reaches nothing else of the page
-    view = f'<iframe sandbox="allow-scripts allow-downloads" title="3D view" srcdoc="{source}"></iframe>'
-    still = picture(still_figure(result), f"{result.method.upper()} in 3D; near is yellow")
+    title = escape(f"3D view: {_titled(result)}")
+    view = f'<iframe sandbox="allow-scripts allow-downloads" title="{title}" srcdoc="{source}"></iframe>'
+    still = picture(still_figure(result), f"{result.method.upper()} in 3D; near is yellow", in_words(result))
     return f'<h2>In three dimensions</h2>{view}<div class="still">{still}</div>'
 
 
@@ -170,7 +174,8 @@ def _other(result: "Reconstruction") -> str:
     from nlos.recon.pictures import summary_figure
 
     name = result.method.upper()
-    return f"<h2>By {escape(name)}</h2>{picture(summary_figure(result), f'{name}: front view and depth')}"
+    drawn = picture(summary_figure(result), f"{name}: front view and depth", in_words(result))
+    return f"<h2>By {escape(name)}</h2>{drawn}"
 
 
 def _settings(result: "Reconstruction") -> str:

@@ -109,8 +109,12 @@ def _scan(recording: "Recording") -> str:
         total += counts[intact].sum(axis=0, dtype=np.float64)
     right.semilogy((plan.axis.offset_s + np.arange(plan.axis.bins) * plan.axis.bin_width_s) * 1e9, total + 0.5)
     right.set(title="All histograms added up", xlabel="time after the laser pulse (ns)", ylabel="counts")
-    said = f"<h2>Exposure and rates</h2>{picture(figure, 'count rate over the wall, and the sum of all histograms')}"
-    return said + _chosen(recording)
+    caption, told = "count rate over the wall, and the sum of all histograms", ""
+    if len(rate):
+        top = numbers[int(np.argmax(rate))]
+        x_m, y_m = plan.positions.x_m[top], plan.positions.y_m[top]
+        told = f"{rate.min():,.0f} to {rate.max():,.0f} counts/s, most at x {x_m:.2f} m, y {y_m:.2f} m"
+    return f"<h2>Exposure and rates</h2>{picture(figure, caption, told)}" + _chosen(recording)
 
 
 def _chosen(recording: "Recording") -> str:
@@ -142,14 +146,15 @@ def _chosen(recording: "Recording") -> str:
     )
     return (
         f"<h2>Why each point was taken</h2>{picture(figure, 'why points were taken, and how long each was measured')}"
-        f"<table><tr><th>Samples</th><th>Dwell</th><th>Because</th></tr>{lines}</table>"
+        f"<table><tr><th scope=col>Samples</th><th scope=col>Dwell</th><th scope=col>Because</th></tr>{lines}</table>"
     )
 
 
 def _events(recording: "Recording") -> str:
     lines = "".join(
-        f"<tr><td>{event.bench_s:.3f} s</td><th>{escape(event.kind)}</th><td>{escape(event.text)}</td></tr>"
+        f"<tr><td>{event.bench_s:.3f} s</td><td>{escape(event.kind)}</td><td>{escape(event.text)}</td></tr>"
         for event in recording.events()
     )
     short = ' class="short"' if lines.count("<tr>") <= SHORT else ""  # a short table is printed on one page
-    return f"<h2>Events</h2><table{short}>{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"
+    head = '<tr><th scope="col">Time</th><th scope="col">Event</th><th scope="col">What happened</th></tr>'
+    return f"<h2>Events</h2><table{short}>{head}{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"

@@ -2,6 +2,7 @@
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = "", shape = ""; // gone: "" while the viewer answers, "ended", or "silent" where no answer comes
 const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
+const brief = name => name.length > 48 ? `${name.slice(0, 30)}…${name.slice(-15)}` : name; // beside other words; the head of the page has it whole
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
@@ -35,7 +36,7 @@ function arrange() {
   const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
   const of = kind => scans.map((_, i) => [kind, i]), two = scans.length > 1, wanted = two ? of(kinds[0]) : kinds.map(kind => [kind, 0]);
   const against = two && compared && view !== "turn"; if (against) wanted.push([kinds[0] === "depth" ? "deeper" : "difference", 0]);
-  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth"), ...(against ? [["deeper", 0]] : [])); $("views").style.setProperty("--across", across); $("views").classList.toggle("first", !two && across === 3 && innerHeight >= 950); // the other two one above the other beside it
+  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth"), ...(against ? [["deeper", 0]] : [])); $("views").style.setProperty("--across", across); $("views").parentElement.style.setProperty("--down", Math.ceil(wanted.length / across)); $("views").classList.toggle("first", !two && across === 3 && innerHeight >= 950); // the other two one above the other beside it
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }
@@ -46,7 +47,7 @@ function drawPictures() {
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
     const against = panel.kind === "difference" || panel.kind === "deeper", p = against ? compare[0] : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
-    put(panel.title, scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall"));
+    put(panel.title, scans.length > 1 ? (against ? `${name}: ${brief(scans[0].state.run)} less ${brief(scans[1].state.run)}` : `${brief(state.run)}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall"));
     put(panel.empty, p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state)); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
   const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
@@ -108,7 +109,7 @@ function banner(state) {
 // A rate is of now only while points are being taken; else it says of when it is.
 const counting = state => !gone && state.status === "running" && state.light !== "off";
 function rateOf(state) { return counting(state) ? "count rate" : gone ? "count rate when last seen" : state.status === "paused" ? "count rate before the pause" : OVER.includes(state.status) ? "count rate at the end" : "last count rate"; }
-function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of several scans, figures and events are of the one clicked last
+function whose(state) { return scans.length > 1 ? `${brief(state.run)}: ` : ""; } // of several scans, figures and events are of the one clicked last
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
   put($("run"), scans.map(s => s.state.run).join(" and ")); const title = `${gone ? GONE[gone] : words(state)} - ${state.run}`; if (document.title !== title) document.title = title; put($("notes"), Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · ")); put($("status"), gone ? GONE[gone] : whose(state) + words(state)); put($("next"), gone ? "" : next(state));

@@ -37,15 +37,32 @@ function speedWords(v, error) { // the error is that along the way
   const speed = Math.hypot(...v), off = speed ? Math.hypot(...v.map((c, k) => c * error[k])) / speed : Math.hypot(...error);
   return error.every(c => c !== null) ? `${speed.toFixed(2)} ± ${off.toFixed(2)} m/s` : `${speed.toFixed(2)} m/s`;
 }
-function named(panel) { // to who cannot see it, the picture is called as the heading over it, with what stands under it
-  panel.canvas.setAttribute("role", "img"); panel.title.id = panel.canvas.id + "-title"; panel.say.id = panel.canvas.id + "-say";
+// The near end of the colours is as light as the paper: to who sees no colours, a line is where what is seen ends.
+function outline(g, p, rows, cols, [bx, by, bw, bh]) {
+  const pw = bw / cols, ph = bh / rows, seen = (r, c) => r >= 0 && r < rows && c >= 0 && c < cols && inkOf(p, r * cols + c) >= .5;
+  g.strokeStyle = "rgba(0, 0, 0, .7)"; g.lineWidth = 1; g.beginPath();
+  for (let r = 0; r <= rows; r++) for (let c = 0; c <= cols; c++) {
+    const here = seen(r, c), x = bx + c * pw, y = by + r * ph;
+    if (here !== seen(r - 1, c)) { g.moveTo(x, y); g.lineTo(x + pw, y); }
+    if (here !== seen(r, c - 1)) { g.moveTo(x, y); g.lineTo(x, y + ph); }
+  }
+  g.stroke();
+}
+function inWords(p) { // the figures of a picture, to who cannot see it
+  const {albedo, depth_m: depth, wall} = p, [rows, cols] = albedo.shape; let top = 0, low = Infinity, high = -Infinity, number = 0;
+  albedo.forEach((v, i) => { if (v > albedo[top]) top = i; if (inkOf(p, i)) { number++; low = Math.min(low, depth[i]); high = Math.max(high, depth[i]); } });
+  const x = ((top % cols + .5) / cols - .5) * wall[0], y = (.5 - (Math.floor(top / cols) + .5) / rows) * wall[1];
+  return `brightest at x ${x.toFixed(2)} m, y ${y.toFixed(2)} m; ` + (number ? `surfaces from ${low.toFixed(2)} to ${high.toFixed(2)} m from the wall in ${(100 * number / albedo.length).toFixed(0)} % of the picture` : "no surface is seen");
+}
+function named(panel, role) { // to who cannot see it: called as the heading over it, with what stands under it
+  panel.canvas.setAttribute("role", role); panel.title.id = panel.canvas.id + "-title"; panel.say.id = panel.canvas.id + "-say";
   panel.canvas.setAttribute("aria-labelledby", panel.title.id); panel.canvas.setAttribute("aria-describedby", panel.say.id);
 }
 class PicturePanel {
   constructor(kind, scan) {
     this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
     this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName(kind, scan); this.say = document.createElement("p"); this.say.className = "say";
-    named(this); this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
+    named(this, "img"); this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
     this.canvas.addEventListener("pointermove", e => { this.cursor = [e.offsetX, e.offsetY]; this.readOut(); });
     this.canvas.addEventListener("pointerleave", () => { this.cursor = null; this.readOut(); });
     this.canvas.addEventListener("click", e => { if (this.frame) pinAt(this.scan, ...this.frame.metres(e.offsetX, e.offsetY)); });
@@ -61,6 +78,8 @@ class PicturePanel {
     else if (this.kind === "deeper") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = Math.min(inkOf(picture, i), inkOf(other, i)), c = k ? redBlue(.5 + .5 * (v - other.depth_m[i]) / high) : NEITHER; return c.map((x, j) => NEITHER[j] + (x - NEITHER[j]) * k); });
     else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
+    if (this.kind === "depth") outline(g, picture, rows, cols, this.frame.box);
+    this.canvas.removeAttribute("aria-labelledby"); this.canvas.setAttribute("aria-label", `${this.title.textContent}: ${this.kind === "front" || this.kind === "depth" ? inWords(picture) : "the first less the second"}`);
     g.restore(); axes(g, this.frame, wall);
     const bar = tall ? (...what) => flatBar(g, bx, by + bh + 44, bw, ...what) : (...what) => colourBar(g, bx + bw + 12, by, bh, ...what);
     if (this.kind === "depth") bar(low, high, v => viridis(1 - v), "depth from the wall (m)");

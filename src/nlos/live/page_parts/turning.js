@@ -16,7 +16,7 @@ class TurnPanel {
     this.kind = "turn"; this.scan = scan; this.box = element("section", {className: "panel"}); this.box.dataset.kind = "turn";
     this.title = element("h2", {}); this.canvas = element("canvas", {id: panelName("turn", scan)});
     this.say = element("p", {className: "say"}); this.empty = element("div", {className: "empty"});
-    named(this); this.controls = element("div", {className: "controls say"});
+    named(this, "application"); this.controls = element("div", {className: "controls say"});
     this.box.append(this.title, this.canvas, this.say, this.controls, this.empty);
     this.view = turnable(this.canvas, () => ({back: inks.card, dim: inks.dim, grid: inks.grid}));
     this.view.say = text => { this.said = text; this.tell(); };
