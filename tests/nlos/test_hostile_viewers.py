@@ -89,6 +89,14 @@ def test_no_bytes_are_taken_for_another_request(head: bytes) -> None:
     assert request.path.startswith("/")
 
 
+@pytest.mark.parametrize(
+    ("version", "line", "more"),
+    [("1.1", "X: y", True), ("1.1", "Connection: close", False), ("1.0", "X: y", False), ("1.0", "Host: z", False)],
+)
+def test_who_reads_to_the_end_of_an_answer_is_given_one(version: str, line: str, more: bool) -> None:
+    assert parse(f"GET /token/state HTTP/{version}\r\n{line}".encode()).more == more
+
+
 def open_files(pid: int) -> int:
     return len(os.listdir(f"/proc/{pid}/fd"))
 

@@ -38,6 +38,8 @@ class Request:
     path: str
     query: Mapping[str, str]
     host: str
+    more: bool = True
+    """Whether this visitor may ask again on the same connection; else the answer ends with it."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def parse(head: bytes) -> Request:
         query = dict(parse_qsl(there.query, max_num_fields=8))
     except ValueError as error:
         raise Refused(400) from error
-    return Request(there.path, query, known.get("host", ""))
+    more = version == "HTTP/1.1" and known.get("connection", "").lower() != "close"
+    return Request(there.path, query, known.get("host", ""), more)
 
 
 class WebServer:
@@ -149,15 +152,16 @@ class WebServer:
 
     async def _serve(self, head: bytes, writer: asyncio.StreamWriter) -> bool:
         """Answers one request; whether the connection is kept."""
+        more = False
         try:
             request = parse(head[:-4])
-            until_s = time.monotonic() + WAIT_S
+            more, until_s = request.more, time.monotonic() + WAIT_S
             while self._nothing_new(request) and time.monotonic() < until_s and not self._stopping:
                 await asyncio.sleep(NEWS_S)
             answer = await asyncio.get_running_loop().run_in_executor(self._threads, self._answer, request)
         except Refused as refused:
             answer = Answer(b'{"message": "refused"}', refused.status)
-        kept = answer.status in (200, 404)
+        kept = more and answer.status in (200, 404)
         await self._send(writer, answer, kept)
         return kept
 
