@@ -25,6 +25,10 @@ class Background:
     per_bin: Floats
     error: Floats
 
+    def at(self, points: npt.NDArray[np.bool_]) -> "Background":
+        """Of some of the points, flags (N,)."""
+        return Background(*(np.broadcast_to(each, points.shape)[points] for each in (self.per_bin, self.error)))
+
 
 def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
     """From the bins before `end_bins` (N,), where no light of the present pulse can be but what a lens, a beam splitter

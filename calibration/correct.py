@@ -2,7 +2,7 @@
 ambient light, direct light."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,9 @@ from nlos.calibration.direct_reflection import DirectLight, find_direct_light, k
 from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
 from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.raw_points import RawPoints
-from nlos.calibration.second_pulse import doubt_second_pulse, second_pulse
+from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
+from nlos.calibration.without_second_pulse import too_bright, without_second_pulse
 
 Floats = npt.NDArray[np.float64]
 LEAD_S = 300e-12
@@ -46,6 +47,8 @@ class CorrectedPoints:
     background: Background
     beyond: float = 0.0
     """Light (counts) that is not used: after the last bin of `time`, at points that recorded longer."""
+    second: SecondPulse | None = None
+    """A second pulse that was taken out."""
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
@@ -103,11 +106,13 @@ def correct_points(
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
+    second: SecondPulse | None = None,
     remove_direct: bool = True,
 ) -> CorrectedPoints:
     """Corrects a scan as a whole; what `constants` do not tell is measured from the scan itself.
 
-    `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known. Otherwise each
+    `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known, and whether there is
+    a `second` pulse. Otherwise each
     scan's own direct light tells them, and the constants' arrivals help out where it shows none. The result keeps
     the bins that every point recorded. Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
     """
@@ -134,10 +139,11 @@ def correct_points(
     counts = subtract_dark(counts, raw, constants)
     dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
-    done = _finish(raw, _Timed(counts, variance, arrival, background, offsets), remove_direct=remove_direct)
+    timed = _Timed(counts, variance, arrival, background, offsets)
+    done = _finish(raw, timed, remove_direct=remove_direct)
     if offsets is not None and remove_direct:
-        doubt_second_pulse(second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
-    return done
+        doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
+    return done if second is None or not second.even else _without(raw, timed, second)
 
 
 def correct(
@@ -146,6 +152,7 @@ def correct(
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
+    second: SecondPulse | None = None,
     sync_count: npt.ArrayLike = 0.0,
     total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
@@ -155,6 +162,7 @@ def correct(
         constants,
         rectified=rectified,
         offset_bins=None if offset_bins is None else np.asarray(offset_bins).ravel(),
+        second=second,
     )
     wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
@@ -252,12 +260,17 @@ def _finish(
     aligned[~usable] = 0
     exposure = np.where(there, raw.exposure_s, 0.0)
     axis = TimeAxis(bins, raw.time.bin_width_s)
-    beyond = light_beyond(timed.counts[there], arrival[there], bins, _at(background, there)) if known is None else 0.0
+    beyond = light_beyond(timed.counts[there], arrival[there], bins, background.at(there)) if known is None else 0.0
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
 
 
-def _at(background: Background, points: npt.NDArray[np.bool_]) -> Background:
-    return Background(*(np.broadcast_to(each, points.shape)[points] for each in (background.per_bin, background.error)))
+def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoints:
+    """`_finish` without a second pulse, and without bins that its photons hide."""
+    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
+    done = _finish(raw, replace(timed, counts=counts, variance=variance))
+    there = done.exposure_s > 0
+    usable = done.usable & ~too_bright(second, done.counts[there], done.direct.amplitude[there])
+    return replace(done, counts=np.where(usable, done.counts, np.float32(0)), usable=usable, second=second)
 
 
 def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:

@@ -1,5 +1,6 @@
 """A second pulse behind the direct one: a laser that pulses twice, or light thrown back between lens and detector. It
-comes as late at every point, and whatever is hidden is seen once more behind itself."""
+comes as late at every point, and whatever is hidden is seen once more behind itself. Told, and taken out
+(`without_second_pulse.py`) where no surface would do the same."""
 
 import logging
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.arrival_rounds import TimeOffsets
+from nlos.calibration.impulse_response import ImpulseResponse
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.floating]
@@ -28,6 +30,11 @@ _EVERYWHERE = 0.5
 """Of the share on average, which the median point must show: hidden light comes to each at its own time."""
 _CURVED = 0.05
 """Of a small surface's later arrival at points farther from it, beyond three standard errors: then it is a surface."""
+_LEAN = np.deg2rad(0.1)
+"""A large plane that leans against the wall by no more, beyond three standard errors of no more each, comes as late at
+every point ..."""
+_AS_BRIGHT = 0.25
+"""... and, unless it is far larger than the wall, differs by more in brightness from its middle to its corners."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,11 @@ class SecondPulse:
     lag_s: float
     share: float
     share_error: float
+    even: bool
+    """Whether it is as late and as bright at every point as no surface would be that somebody put up by hand."""
+    response: ImpulseResponse
+    """What it looks like, as the direct one."""
+    bin_width_s: float
 
 
 @dataclass(frozen=True)
@@ -62,13 +74,18 @@ def second_pulse(
     fit = _clearest(seen.sum(axis=0), variance[lit].sum(axis=0, dtype=np.float64), float(direct.sum()), offsets)
     if fit is None:
         return None
-    windows = seen[:, fit.at : fit.at + len(fit.columns)]
+    windows, width_s = seen[:, fit.at : fit.at + len(fit.columns)], offsets.bin_width_s
     each = windows @ np.linalg.pinv(fit.columns)[0]
     if not np.median(each) > _EVERYWHERE * fit.share * np.median(direct):
         return None
-    if _is_surface(windows, fit, fit.share * direct, offsets.bin_width_s, np.stack([x_m[lit], y_m[lit]])):
+    expected, places_m = fit.share * direct, np.stack([x_m[lit], y_m[lit]])
+    lags = _lags(windows, fit, expected, width_s, places_m)
+    if lags is not None and abs(lags.curved) > max(_CURVED, 3 * lags.curved_error):
         return None
-    return SecondPulse(fit.lag_s, fit.share, fit.share_error)
+    even = lags is not None and lags.lean < _LEAN and _as_bright(each, expected, places_m)
+    return SecondPulse(
+        fit.lag_s + (lags.mean_s if lags else 0.0), fit.share, fit.share_error, even, offsets.response, width_s
+    )
 
 
 def _clearest(total: Floats, chance: Floats, direct: float, offsets: TimeOffsets) -> _Fit | None:
@@ -96,31 +113,69 @@ def _clearest(total: Floats, chance: Floats, direct: float, offsets: TimeOffsets
     return found
 
 
-def _is_surface(windows: Floats, fit: _Fit, expected: Floats, width_s: float, places_m: Floats) -> bool:
-    """Whether the light comes later to points (2, N) farther aside, as that of a small surface does that is so far off
-    as it is late, c t = 2 sqrt(d^2 + r^2), or earlier: each point's delay is told by the slope of the pulse."""
+@dataclass(frozen=True)
+class _Lags:
+    """How the delay of the pulse differs over the wall."""
+
+    mean_s: float
+    """Beyond that of the fit."""
+    curved: float
+    """1 for a small surface that is so far off as it is late, c t = 2 sqrt(d^2 + r^2)."""
+    curved_error: float
+    lean: float
+    """Of a large plane that would come as late (rad), beyond three standard errors; infinite where those are larger."""
+
+
+def _lags(windows: Floats, fit: _Fit, expected: Floats, width_s: float, places_m: Floats) -> _Lags | None:
+    """Of points (2, N), each one's delay by the slope of the pulse; None where they lie so that they cannot tell."""
     x, y = places_m - places_m.mean(axis=1, keepdims=True)
     slope = np.gradient(fit.columns[:, 0]) / width_s
     later = -(windows @ np.linalg.pinv(np.column_stack([slope, fit.columns]))[0])  # (N,) counts times seconds
     curve_s = (x**2 + y**2) * 2 / (fit.lag_s * SPEED_OF_LIGHT_M_PER_S**2)
-    columns = expected[:, None] * np.stack([np.ones_like(x), x, y, curve_s], axis=1)
-    if len(x) <= columns.shape[1] or not np.ptp(curve_s) > 0:
+    found = _regressed(later, expected[:, None] * np.stack([np.ones_like(x), x, y, curve_s], axis=1))
+    if found is None or not np.ptp(curve_s) > 0:
+        return None
+    part, error = found
+    lean, unsure = (np.hypot(*each[1:3]) * SPEED_OF_LIGHT_M_PER_S / 2 for each in (part, error))
+    beyond = max(float(lean - 3 * unsure), 0.0) if 3 * unsure < _LEAN else np.inf
+    return _Lags(float(later.sum() / expected.sum()), float(part[3]), float(error[3]), beyond)
+
+
+def _as_bright(each: Floats, expected: Floats, places_m: Floats) -> bool:
+    """Whether the brightness of points (N,) does not change, over what is expected, from the middle outwards."""
+    x, y = places_m - places_m.mean(axis=1, keepdims=True)
+    aside = (x**2 + y**2) / max(float((x**2 + y**2).max()), 1e-30)
+    found = _regressed(each, expected[:, None] * np.stack([np.ones_like(x), x, y, aside], axis=1))
+    if found is None:
         return False
+    part, error = found
+    return bool(abs(part[3]) < max(_AS_BRIGHT * part[0], 3 * error[3]))
+
+
+def _regressed(values: Floats, columns: Floats) -> tuple[Floats, Floats] | None:
+    """Parts of `columns` (N, K) in `values` (N,) and their standard errors; None where there are too few."""
     scale = np.linalg.norm(columns, axis=0)
+    if len(values) <= columns.shape[1] or not (scale > 0).all():
+        return None
     inverse = np.linalg.pinv(columns / scale)
-    part = inverse @ later / scale
-    spread = np.std(later - columns @ part, ddof=columns.shape[1])
-    error = spread * np.linalg.norm(inverse[3]) / scale[3]
-    return bool(abs(part[3]) > max(_CURVED, 3 * error))
+    part = inverse @ values / scale
+    spread = np.std(values - columns @ part, ddof=columns.shape[1])
+    return part, spread * np.linalg.norm(inverse, axis=1) / scale
 
 
 def doubt_second_pulse(found: SecondPulse | None) -> None:
-    """Says where it is, and what it does to a picture."""
+    """Says where it is, what it does to a picture, and whether it is taken out."""
     if found is None:
         return
+    behind_m = found.lag_s * SPEED_OF_LIGHT_M_PER_S / 2
+    does = (
+        "It is taken out, with all that it shows once more of what is hidden."
+        if found.even
+        else f"What is hidden is seen once more {behind_m:.2f} m behind itself, the pulse as a haze about there. If "
+        "neither is so, it is a surface as far from every point."
+    )
     log.warning(
         "a second pulse comes %.2f ns after the direct one at every point, as sharp and %.2g %% as bright: a laser "
-        "that pulses twice, or light thrown back between lens and detector. What is hidden is seen once more %.2f m "
-        "behind itself, the pulse as a haze about there. If neither is so, it is a surface as far from every point.",
-        found.lag_s * 1e9, 100 * found.share, found.lag_s * SPEED_OF_LIGHT_M_PER_S / 2,
+        "that pulses twice, or light thrown back between lens and detector. %s",
+        found.lag_s * 1e9, 100 * found.share, does,
     )  # fmt: skip

@@ -70,7 +70,7 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
     _tell_calibration(done, log.log)
-    return None if done.offsets is None else DirectTimes(done.offsets, places)
+    return None if done.offsets is None else DirectTimes(done.offsets, places, done.second)
 
 
 def calibrate_scan(
@@ -100,7 +100,7 @@ def _calibrated(
     tell: Tell,
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
-    transient = scan.transient
+    transient, second = scan.transient, None if arrivals is None else arrivals.second
     _refuse_late(scan)
     refuse_full(scan)
     if use_file_offsets:
@@ -112,7 +112,7 @@ def _calibrated(
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
         with _or_rectified(scan):
             done = correct_points(
-                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None,
+                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None, second=second,
                 offset_bins=None if scan.rectified or arrivals is None else arrivals.of(points),
             )  # fmt: skip
         if scan.rectified:
@@ -134,7 +134,7 @@ def _calibrated(
         of_a_whole = None if use_file_offsets else arrivals
         known = correct(
             transient, constants, offset_bins=scan.offset_bins if of_a_whole is None else of_a_whole.offset_bins,
-            sync_count=scan.sync_count, total_count=scan.total_count,
+            sync_count=scan.sync_count, total_count=scan.total_count, second=second,
         )  # fmt: skip
         if of_a_whole is None:
             tell_of_light_left_out(known.points, tell)

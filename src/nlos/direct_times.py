@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from nlos.calibration.arrival_rounds import TimeOffsets
     from nlos.calibration.impulse_response import ImpulseResponse
     from nlos.calibration.raw_points import RawPoints
+    from nlos.calibration.second_pulse import SecondPulse
     from nlos.calibration.wall_timing import WallTiming
 
 
@@ -23,6 +24,8 @@ class DirectTimes:
     offsets: "TimeOffsets"
     places: Mapping[tuple[float, float], int] | None = None
     """Which of the offsets is that of a position (x, y) in metres; None on a grid, where they lie row by row."""
+    second: "SecondPulse | None" = None
+    """One that comes again behind the direct light and is taken out."""
 
     @property
     def offset_bins(self) -> npt.NDArray[np.float64]:

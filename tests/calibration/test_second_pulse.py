@@ -7,8 +7,12 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.correct import correct_points
+from nlos.calibration.background import Background
+from nlos.calibration.correct import CorrectedPoints, correct_points
+from nlos.calibration.impulse_response import from_histogram
 from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.second_pulse import SecondPulse
+from nlos.calibration.without_second_pulse import without_second_pulse
 
 SIDE, BINS, WIDTH_S, DIRECT, HIDDEN = 14, 900, 32e-12, 2000, 300
 SCANNER_M = np.array([0.25, 0.1, 2.0])
@@ -56,3 +60,60 @@ def test_a_surface_is_no_second_pulse_however_far_or_even_it_is(
     with caplog.at_level(logging.WARNING):
         correct_points(scan(wall_m, patch_m, (0.0, 0.0)))
     assert "second pulse" not in caplog.text
+
+
+def about(done: CorrectedPoints, lag_ns: float, aside_ns: float = 0.2) -> float:
+    """Photons a point that come about so late."""
+    middle, half = round(lag_ns * 1e-9 / WIDTH_S), round(aside_ns * 1e-9 / WIDTH_S)
+    return float(done.counts[:, middle - half : middle + half + 1].sum(axis=1).mean())
+
+
+@pytest.mark.parametrize(("lag_ns", "percent"), [(1.013, 1), (2.0, 5), (2.0, 20)])
+def test_a_second_pulse_is_taken_out_with_what_it_shows_once_more(
+    lag_ns: float, percent: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    hidden_ns = 2 * 0.7 / C * 1e9 + 0.3
+    once = correct_points(scan(1.0, (0.7, 0.3), (0.0, 0.0)))
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan(1.0, (0.7, 0.3), (lag_ns * 1e-9, percent / 100)))
+    assert "taken out" in caplog.text
+    assert done.second is not None
+    assert done.second.lag_s == pytest.approx(lag_ns * 1e-9, abs=2e-12)
+    pulse, again = DIRECT * percent / 100, HIDDEN * percent / 100
+    assert abs(about(done, lag_ns)) < 0.01 * pulse + 3 * np.sqrt(pulse / len(done.counts))
+    assert about(done, hidden_ns, 0.7) == pytest.approx(about(once, hidden_ns, 0.7), rel=0.03)
+    assert abs(about(done, hidden_ns + lag_ns, 0.4) - about(once, hidden_ns + lag_ns, 0.4)) < 0.1 * again + 1
+
+
+def test_frames_of_a_scan_are_without_its_second_pulse() -> None:
+    frame = scan(1.0, (0.7, 0.3), (2e-9, 0.05))
+    whole = correct_points(frame)
+    assert whole.second is not None
+    assert whole.offsets is not None
+    known = correct_points(frame, offset_bins=whole.offsets.offset_bins, second=whole.second)
+    np.testing.assert_allclose(known.counts, whole.counts, atol=1e-3)
+    left = correct_points(frame, offset_bins=whole.offsets.offset_bins)
+    assert abs(about(known, 2.0)) < 0.02 * about(left, 2.0)
+
+
+def test_bins_that_a_second_pulse_hides_are_not_used() -> None:
+    done = correct_points(scan(1.0, (0.7, 0.3), (2e-9, 1.0)))
+    pulse = round(2e-9 / WIDTH_S)
+    assert not done.usable[:, pulse].any()
+    assert not done.counts[:, pulse].any()
+    assert done.usable[:, [pulse - 20, pulse + 20]].all()
+
+
+def test_light_that_comes_once_more_is_taken_out_bin_by_bin() -> None:
+    """From the definition, between bins as well; where no direct light is known, all of it is shifted."""
+    random = np.random.default_rng(0)
+    light, lag, share = random.random((3, 200)), 20.25, 0.15
+    seen = light.copy()
+    for bin_ in range(20, 200):
+        seen[:, bin_] += share * 0.75 * light[:, bin_ - 20]
+        seen[:, bin_] += share * 0.25 * light[:, bin_ - 21] if bin_ > 20 else 0
+    found = SecondPulse(lag * WIDTH_S, share, 0.0, True, from_histogram([1.0, 4.0, 1.0], WIDTH_S), WIDTH_S)
+    background = Background(np.full(3, 2.0), np.zeros(3))
+    once, variance = without_second_pulse(seen + 2.0, np.ones((3, 200)), np.full(3, np.nan), background, found)
+    np.testing.assert_allclose(once, light + 2.0, atol=1e-5)
+    np.testing.assert_allclose(variance[:, [0, 19, 20, 199]], [[1, 1, 1 + share**2, 1 + share**2]] * 3, atol=1e-6)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from nlos.acquisition.response import Response
     from nlos.acquisition.sample import Sample
     from nlos.calibration.constants import BenchConstants
+    from nlos.calibration.second_pulse import SecondPulse
     from nlos.loaded import LoadedScan
 
 BACKLOG = 8
@@ -48,6 +49,8 @@ class Alignment:
     response: "Response | None"
     bins: int
     """That all points have behind their direct light."""
+    second: "SecondPulse | None"
+    """Light that comes once more behind it, and is taken out."""
 
 
 class LiveFilm:
@@ -188,7 +191,7 @@ class LiveFilm:
             assert self._constants is not None
             x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(scan.transient.wall.x_m(), scan.transient.wall.y_m()))
             arrival_bins = known_arrival_bins(self._constants, x_m, y_m, scan.transient.time)
-        self._alignment = Alignment(arrival_bins, transient.response, transient.time.bins)
+        self._alignment = Alignment(arrival_bins, transient.response, transient.time.bins, found[0].second)
         self._zero = TimeZero.of(scan, found[0], self._constants)
 
     def _moments(self, samples: "list[Sample]") -> Moments:
@@ -210,7 +213,8 @@ class LiveFilm:
             np.array([each.total_count for each in held], dtype=np.float64),
             TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s),
         )  # fmt: skip
-        done = correct_points(raw, self._constants, offset_bins=known.arrival_bins[row * plan.wall.cols + col])
+        arrival_bins = known.arrival_bins[row * plan.wall.cols + col]
+        done = correct_points(raw, self._constants, offset_bins=arrival_bins, second=known.second)
         taken_s = np.array([each.taken_s + each.histogram.live_time_s / 2 for each in samples])
         used = done.exposure_s > 0
         counts = np.zeros((int(used.sum()), known.bins), dtype=np.float32)
