@@ -15,6 +15,7 @@ import nlos
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.scanning.engine import scan
 from nlos.by_hand.light import LightOnRequest
+from nlos.by_hand.stops import Stops
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.clock import Clock, VirtualClock
@@ -156,7 +157,7 @@ def test_light_by_hand_goes_off_while_its_program_hangs(tmp_path: Path) -> None:
     """On the computer's own time; no timer stands behind it in another thread than the main one."""
     chosen = load("bench", str(files(tmp_path, "S1, TTL shutter")), BenchSettings).settings
     with open_partial_bench(chosen, {"mirror"}) as bench:
-        by_hand = LightOnRequest(bench.shutter, bench.clock, chosen.alignment)
+        by_hand = LightOnRequest(bench.shutter, bench.clock, chosen.alignment, Stops())
         by_hand.ask(5.0)
         assert light(tmp_path)[-1] == "shutter open"
         hang(tmp_path, VirtualClock())

@@ -103,6 +103,21 @@ def test_ctrl_z_at_the_question_before_light_stops_the_program_and_fg_asks_again
     assert account(tmp_path).ends_dark
 
 
+def test_ctrl_z_in_the_warning_time_stops_light_by_hand_which_is_announced_anew(tmp_path: Path) -> None:
+    bench = bench_by_hand(tmp_path, {**TTL, "arm": {"delay_s": 3.0, "remote": True}})
+    with shell(tmp_path) as child:
+        child.press(f"{sys.executable} -m nlos point 0.1 0.0 --light 0.5 --bench {bench}; echo went-$?\r")
+        child.wait_until(lambda: child.said.count("light in 3 s") == 1, "the warning")
+        child.press("\x1a")
+        child.wait_for("Stopped")
+        time.sleep(1.2)  # what is stopped for less goes on counting
+        assert not account(tmp_path).lit
+        child.press("fg; echo then-$?\r")
+        child.wait_until(lambda: child.said.count("light in 3 s") == 2, "the warning again")
+        child.wait_for("then-0")
+    assert len(account(tmp_path).lit) == 1
+
+
 def test_ctrl_z_at_a_question_is_left_to_the_bench_where_light_may_be_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(agreeing, "STOP", signal.SIGCONT)  # does nothing to who runs
     lit, said, before = False, [], []

@@ -37,7 +37,7 @@ class Hand:
 
     def __init__(self, bench: PartialBench, aim: Aiming, keys: Keys, stops: Stops) -> None:
         self.bench, self.keys, self.stops = bench, keys, stops
-        self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment)
+        self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment, stops)
         self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
         self.angles = MirrorAngles(0.0, 0.0)
         self.lit_here = False
@@ -133,7 +133,7 @@ class Hand:
         shutter = self.bench.shutter
         if shutter is not None and not shutter.is_armed():  # who pressed may have let go while the warning time passed
             shutter.release()  # somebody asks again, after whatever shut the light
-            if self.try_to(shutter.arm) and shutter.is_armed():
+            if self.try_to(lambda: self.light.arm(shutter)) and shutter.is_armed():
                 self.keys.pressed()
                 self.note("armed: SPACE gives light from now on")
             return

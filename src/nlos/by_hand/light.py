@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from nlos.by_hand.stops import Stops
 from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip, ShutterHeld
@@ -24,8 +25,10 @@ class LightOnRequest:
     """`ask` says for how long; `tick`, called every 10 ms, opens and closes. A timer's signal closes where the program
     itself waits for something else. The instrument's watchdog closes where the program is gone."""
 
-    def __init__(self, shutter: GuardedShutter | None, clock: Clock, alignment: AlignmentSettings) -> None:
-        self._shutter, self._clock, self._alignment = shutter, clock, alignment
+    def __init__(
+        self, shutter: GuardedShutter | None, clock: Clock, alignment: AlignmentSettings, stops: Stops
+    ) -> None:
+        self._shutter, self._clock, self._alignment, self._stops = shutter, clock, alignment, stops
         self._began_s = self._until_s = float("-inf")
         self._timed = False
         self._opened_s: float | None = None
@@ -69,12 +72,18 @@ class LightOnRequest:
         assert self._shutter is not None
         if not self.wanted:
             self._shutter.release()  # somebody asks again, after whatever shut the light
-        self._shutter.arm()
+        self.arm(self._shutter)
         now_s = self._clock.now()
         if self._until_s <= now_s:
             self._began_s = now_s
         self._until_s = max(self._until_s, now_s + seconds)
         self.tick()
+
+    def arm(self, shutter: GuardedShutter) -> None:
+        """What has to happen before light; Ctrl-Z in its warning time stops the program, and the warning comes anew.
+        Raises `LimitError`."""
+        with self._stops.at_once():
+            shutter.arm()
 
     def tick(self) -> None:
         """Opens or closes as it is time to. Raises what the shutter raises."""

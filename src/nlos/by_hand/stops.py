@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from nlos.drivers.exit_paths import light_may_be_on
+
 CTRL_Z, STOP = (getattr(signal, name, None) for name in ("SIGTSTP", "SIGSTOP"))
 """What is asked for, and what nobody can catch; neither on Windows."""
 BY_CTRL_Z = "Ctrl-Z in the terminal"
@@ -17,7 +19,7 @@ class Stops:
     for an exchange with an instrument that is cut in two is an error."""
 
     def __init__(self) -> None:
-        self.wanted = False
+        self.wanted = self._at_once = False
         self._around: list[tuple[Callable[[], None], Callable[[], None]]] = []
 
     @contextmanager
@@ -39,6 +41,15 @@ class Stops:
         finally:
             self._around.pop()
 
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """While the block waits in the dark, and says nothing to an instrument, a stop need not be waited for."""
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
+
     def stop(self) -> None:
         """Until somebody continues the program; the light has to be off."""
         self.wanted = False
@@ -50,4 +61,7 @@ class Stops:
             enter()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.wanted = True
+        if self._at_once and not light_may_be_on():
+            self.stop()
+        else:
+            self.wanted = True

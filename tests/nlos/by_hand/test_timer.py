@@ -11,6 +11,7 @@ import pytest
 
 from nlos.__main__ import run
 from nlos.by_hand.light import LightOnRequest
+from nlos.by_hand.stops import Stops
 from nlos.cli.exit_codes import ExitCode
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
@@ -30,7 +31,7 @@ class Ringing:
         settings = load("bench", str(bench_file(folder, name)), BenchSettings).settings
         self._at, self._opening, self.messages = at, False, 0
         with open_partial_bench(settings, BOTH, wire_log=self._message) as bench:
-            light = LightOnRequest(bench.shutter, bench.clock, settings.alignment)
+            light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
             with light.timed():
                 self._opening = True
                 light.ask(1.0)
@@ -61,7 +62,7 @@ def test_light_whose_time_is_over_while_it_is_switched_on_goes_off(tmp_path: Pat
 def test_the_timer_rings_again_where_the_shutter_did_not_close(tmp_path: Path) -> None:
     settings = load("bench", str(bench_file(tmp_path, "S1, TTL shutter")), BenchSettings).settings
     with open_partial_bench(settings, BOTH) as bench:
-        light = LightOnRequest(bench.shutter, bench.clock, settings.alignment)
+        light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
         assert bench.simulated is not None
         with light.timed():
             light.ask(0.3)
