@@ -47,9 +47,9 @@ def answer(question: str) -> str | None:
     def ask() -> None:
         terminal.log(question, -9)
 
-    ask()
     try:
         with asked_again(ask):
+            ask()
             return input().strip().lower()
     except EOFError:
         return None

@@ -146,8 +146,8 @@ class Interrupts:
 
         self._asking = True
         try:
-            ask()
             with asked_again(ask):
+                ask()
                 while _typed():
                     terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
         except (KeyboardInterrupt, EOFError):

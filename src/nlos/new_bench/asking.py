@@ -88,8 +88,8 @@ def _asked(question: Question, before: str | None) -> str | None:
         print(f"{question.text}{words}{shown}: ", end="", file=sys.stderr, flush=True)
 
     while True:
-        ask()
         with asked_again(ask):
+            ask()
             line = sys.stdin.readline()
         if not line:
             _say("")
