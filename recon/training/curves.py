@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.recon.png import write_png
 
 VALIDATED = "validation "
@@ -61,12 +62,13 @@ def write_table(log: Path) -> None:
     """log.csv beside the log, replaced at once."""
     rows = rows_of(log)
     names = list(dict.fromkeys(name for row in rows for name in row))
-    fresh = log.with_name(".log.csv.new")
-    with fresh.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(rows)
-    fresh.replace(log.with_name("log.csv"))
+    fresh, table = log.with_name(".log.csv.new"), log.with_name("log.csv")
+    with told_of(table, fresh):
+        with fresh.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(rows)
+        fresh.replace(table)
 
 
 class Redrawn:

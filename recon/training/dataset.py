@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save as as_bytes
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
@@ -54,9 +55,10 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None, dev
         arrays, words = _make(settings, scene, tuple(range(settings.degradations)))
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(f".{os.getpid()}.partial")
-        save_file(arrays, partial, metadata=words)
-        readable_as_its_folder(partial)
-        partial.replace(path)
+        with told_of(path, partial):
+            partial.write_bytes(as_bytes(arrays, words))
+            readable_as_its_folder(partial)
+            partial.replace(path)
         return _unpack(arrays, words, which)
 
 

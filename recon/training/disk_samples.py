@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
+from safetensors.numpy import save as as_bytes
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
@@ -110,7 +112,8 @@ def _fitted(settings: DatasetSettings, path: Path, cache: Path | None) -> SceneO
     flags = {name: np.array([getattr(scene, name)], np.uint8) for name in ("counted", "retroreflective")}
     kept.parent.mkdir(parents=True, exist_ok=True)
     partial = kept.with_suffix(f".{os.getpid()}.partial")
-    save_file(arrays | flags, partial)
-    readable_as_its_folder(partial)
-    partial.replace(kept)
+    with told_of(kept, partial):
+        partial.write_bytes(as_bytes(arrays | flags))
+        readable_as_its_folder(partial)
+        partial.replace(kept)
     return scene

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.recon.training.curves import write_table
 
 
@@ -38,7 +39,7 @@ class Log:
 
     def line(self, values: Mapping[str, Any]) -> None:
         if self.active:
-            with self.path.open("a") as file:
+            with told_of(self.path, self.path), self.path.open("a") as file:
                 file.write(json.dumps(values) + "\n")
             write_table(self.path)
         if self.board is not None:

@@ -14,9 +14,10 @@ from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as as_bytes
 from torch import nn
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.weights.foreign import SUFFIXES, ForeignWeightsError, read_foreign
@@ -164,16 +165,18 @@ def put_part(module: nn.Module, prefix: str, name: str) -> None:
 
 
 def save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
-    """Write atomically: a reader, or a machine that loses power, finds the old file or the new one."""
+    """Write atomically: a reader, or a machine that loses power, finds the old file or the new one. Raises
+    `StorageError` where the disk does not take it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
-        save_file(plain, partial, metadata={"about": json.dumps(about)})
-        readable_as_its_folder(partial)
-        with partial.open("rb+") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
+        with told_of(path, partial):
+            partial.write_bytes(as_bytes(plain, {"about": json.dumps(about)}))
+            readable_as_its_folder(partial)
+            with partial.open("rb+") as file:
+                os.fsync(file.fileno())
+            partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 

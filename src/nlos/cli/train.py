@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.acquisition.errors import StorageError
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.progress import Progress
@@ -66,8 +67,13 @@ def train(
         def told(step: int, steps: int, loss: float) -> None:
             progress.step(note=f", loss {loss:.4g}")
 
-        with out_of_memory_in_words(settings):
-            summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
+        try:
+            with out_of_memory_in_words(settings):
+                summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
+        except StorageError as error:
+            if (folder / STATE).exists():
+                error.add_note(f"{folder / STATE} is as it was last saved: the same command goes on from there.")
+            raise
     if _rank():
         return
     if "signal" in summary:

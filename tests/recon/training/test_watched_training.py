@@ -1,6 +1,7 @@
 """A training that one can trust: it ends when told, is alone in its folder, and does not continue with nonsense."""
 
 import csv
+import errno
 import json
 import math
 import os
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 import torch
 
+from nlos.__main__ import run
 from nlos.acquisition.errors import StorageError
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training import curves
@@ -29,7 +31,7 @@ from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS, alone_in
 from nlos.recon.training.schedule import learning_rate, rate_rises, validation_steps
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights import described
-from nlos.recon.weights.files import read_about, read_weights
+from nlos.recon.weights.files import read_about, read_weights, save
 
 TEXT = {
     "method": "unet", "method_settings": {"widths": [4, 8], "finish_widths": [8, 8], "core_points": 8},
@@ -217,6 +219,31 @@ def test_what_a_killed_training_left_half_saved_is_removed_by_the_next(tmp_path:
         path.write_bytes(b"half")
     with alone_in(tmp_path, 0):
         assert [path.name for path in tmp_path.glob("*.partial")] == ["mine.partial"]
+
+
+def test_a_disk_that_fills_up_leaves_the_last_state_and_it_is_said_how_to_go_on(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, tensors = tmp_path / "run" / STATE, {"average/a": torch.ones(3)}
+    save(state, tensors, {"step": 3})
+    before = state.read_bytes()
+    written(tmp_path, cache)
+
+    def trains(*_: object, **__: object) -> None:
+        save(state, tensors, {"step": 4})
+
+    def full(path: Path, data: bytes) -> None:
+        path.touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(training, "train", trains)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert run(["train", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "run")]) == 6
+    said = capsys.readouterr().err
+    assert f"{STATE}: cannot be written (No space left on device). Free disk space" in said
+    assert "the same command goes on from there" in said
+    assert [path.name for path in state.parent.iterdir()] == [STATE]
+    assert state.read_bytes() == before
 
 
 @pytest.mark.parametrize(
