@@ -23,8 +23,9 @@ class Log:
             kept = [line for line in lines if line.endswith("}") and step and json.loads(line)["step"] <= step]
             if kept != lines or not path.exists():  # replaced at once: a kill at this moment loses no line
                 fresh = path.with_name(f".{path.name}.new")
-                fresh.write_text("".join(line + "\n" for line in kept))
-                fresh.replace(path)
+                with told_of(path, fresh):
+                    fresh.write_text("".join(line + "\n" for line in kept))
+                    fresh.replace(path)
 
     def terms(
         self, step: int, terms: Mapping[str, float], rate: float, norm: float, seconds: float, every: int

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from nlos.__main__ import run
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers import isolated_child
 from nlos.acquisition.importers.formats import read_any
@@ -107,3 +108,13 @@ def test_what_a_disk_does_not_take_is_told_of_the_result_that_was_asked_for(
     assert f"made{'/albedo.png' if named else ''}: cannot be written" in str(of_many.value)
     assert ".part" not in str(of_one.value) + str(of_many.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [("report",), ("verify",), ("info",)])
+def test_a_link_that_leads_back_to_itself_is_no_bug(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    loop = tmp_path / "loop.h5"
+    loop.symlink_to("loop.h5")
+    assert run([*words, str(loop)]) == 2
+    assert "loop.h5: is a link to loop.h5, and nothing is there" in capsys.readouterr().err

@@ -107,7 +107,7 @@ def test_a_shell_completes_verbs_options_scans_and_benches(typed: str, offered: 
 
 def test_a_share_that_is_gone_and_a_system_that_opens_no_more_files_are_no_bugs(tmp_path: Path) -> None:
     """What sshfs and NFS say of a share whose other end went, and, by the system itself, a process out of files."""
-    for number in (errno.ENOTCONN, errno.ESTALE, errno.EHOSTDOWN):
+    for number in (errno.ENOTCONN, errno.ESTALE, errno.EHOSTDOWN, errno.EXDEV, errno.EBUSY, errno.ENOLCK):
         assert exit_code(OSError(number, os.strerror(number), "/mnt/lab/run.h5")) == 6
     resource = pytest.importorskip("resource")
     (tmp_path / "run.h5").write_bytes(b"0" * 100)

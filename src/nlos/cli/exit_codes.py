@@ -38,9 +38,11 @@ _OF_STORAGE = {
     getattr(errno, name, None)
     for name in (
         "ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "EREMOTEIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "EMFILE", "ENFILE",
+        "EXDEV", "EBUSY", "ENODEV", "ENOTSUP", "EOPNOTSUPP", "ENOLCK",
     )
 } - {None}  # fmt: skip
-"""What disks say, network shares that are gone, and a system that opens no more files."""
+"""What disks say, network shares that are gone or cannot do what local disks do, and a system that opens no more
+files."""
 
 
 class UsageError(ValueError):
