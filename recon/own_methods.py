@@ -89,13 +89,18 @@ def with_its_line(method: str, found: Method) -> Iterator[None]:
         return
     try:
         yield
-    except Exception as error:  # it may raise anything; to its author, file and line say more than that it is a bug
-        if isinstance(error, NO_PICTURE) or _is_extra(error):
+    except (Exception, SystemExit) as error:  # it may raise anything; to its author, file and line say more than a bug
+        if isinstance(error, NO_PICTURE) or _is_extra(error) or _is_told(error, file):
             raise
         raise ReconstructionFailed(
             f"{_place(error, file) or method}: {type(error).__name__}: {error}. The method raised this, the scan is "
             "as it was."
         ) from error
+
+
+def _is_told(error: BaseException, file: str) -> bool:
+    """Whether it is a signal that ends the program, and not a `sys.exit()` of the method's own."""
+    return isinstance(error, SystemExit) and traceback.extract_tb(error.__traceback__)[-1].filename != file
 
 
 def defined_at(found: object, name: str) -> str:

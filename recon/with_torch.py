@@ -62,6 +62,8 @@ def see(
             taps = transient.response.taps(transient.time.bin_width_s)
             told = (torch.from_numpy(taps)[None].float().to(device),) if len(taps) > 1 else ()
         with parts.told(module):
+            if own_at:  # it may write into what it is given, which is the scan that later pictures are made of
+                counts, exposure_s = counts.clone(), exposure_s.clone()
             made: MethodResult[torch.Tensor] = module(counts, exposure_s, *told)
     planes = getattr(module, "depths_m", ())
     depths_m = np.asarray(planes.cpu() if isinstance(planes, torch.Tensor) else planes, dtype=np.float64)
@@ -101,6 +103,10 @@ def _wrong_numbers(made: MethodResult[torch.Tensor]) -> str:
         return f"albedo goes down to {float(made.albedo.min()):.3g}; a front view is not negative"
     if torch.isinf(made.depth_m).any():
         return "depth_m is infinite at places; NaN says that nothing is seen"
+    if (made.depth_m < 0).any():
+        return (
+            f"depth_m goes down to {float(made.depth_m.nan_to_num(0).min()):.3g} m; what is seen lies before the wall"
+        )
     if made.volume is not None and not torch.isfinite(made.volume).all():
         return "volume holds values that are not finite"
     return ""

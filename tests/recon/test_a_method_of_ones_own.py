@@ -3,7 +3,9 @@
 import json
 import re
 import sys
+import types
 from pathlib import Path
+from typing import cast
 
 import h5py
 import numpy as np
@@ -16,7 +18,9 @@ from nlos.cli.exit_codes import exit_code
 from nlos.recon.errors import InvalidSettings, ReconError
 from nlos.recon.evaluate import evaluate
 from nlos.recon.live import LiveReconstruction
+from nlos.recon.method import Method
 from nlos.recon.methods import catalogue, find, parse_settings, usable
+from nlos.recon.own_methods import with_its_line
 from nlos.recon.reconstruct import reconstruct
 from tests.command import nlos as command_nlos
 
@@ -106,6 +110,16 @@ WRONG = {
     "an array": (TEXT.replace("(brightest.values,", "(brightest.values.numpy(),"), 8, r":24: albedo is ndarray, must"),
     "NaN": (TEXT.replace("(brightest.values,", "(brightest.values / 0,"), 8, r":24: 32 of 32 values of albedo are not"),
     "below 0": (TEXT.replace("(brightest.values,", "(-brightest.values,"), 8, r":24: albedo goes down to -9"),
+    "depths behind it": (
+        TEXT.replace("values, depth_m.", "values, -depth_m."),
+        8,
+        r":24: depth_m goes down to -0\.3.* m",
+    ),
+    "ends on a scan": (
+        TEXT.replace("brightest = counts", "raise SystemExit(0); brightest = counts"),
+        8,
+        ":25: SystemExit",
+    ),
     "no depths": (
         TEXT.replace("self.least, self.depths_m = ", "self.least, self.planes = ")
         .replace("self.depths_m)", "self.planes)")
@@ -126,6 +140,20 @@ def test_what_is_wrong_with_a_file_is_said_with_its_line(case: str, scan: Transi
         reconstruct(scan, str(tmp_path / "mine.py"))
     assert exit_code(raised.value) == code
     assert case == "no file" or "mine.py" in str(raised.value)
+
+
+def test_what_it_writes_into_its_counts_is_not_written_into_the_scan(scan: Transient, tmp_path: Path) -> None:
+    wild = TEXT.replace(MAKES, f"counts.zero_()\n        exposure_s.zero_()\n        {MAKES}")
+    (tmp_path / "mine.py").write_text(wild, encoding="utf-8")
+    assert reconstruct(scan, str(tmp_path / "mine.py")).albedo[1, 5] == 9
+    assert (scan.counts.sum(), scan.exposure_s.min()) == (9, 1)
+
+
+def test_a_signal_that_falls_into_it_ends_the_program(tmp_path: Path) -> None:
+    module = types.ModuleType("mine")
+    module.__file__ = str(tmp_path / "mine.py")
+    with pytest.raises(SystemExit), with_its_line("mine.py", cast(Method, module)):
+        raise SystemExit(143)  # as the handler does, whose line is in no file of the method's
 
 
 def test_what_it_prints_is_no_part_of_the_json_document(tmp_path: Path) -> None:
