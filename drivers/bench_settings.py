@@ -201,6 +201,11 @@ class BenchSettings(Settings):
     def _has_its_shutter(self) -> None:
         word = self.shutter.model
         both = (("counter", COUNTERS, self.counter), ("mirror", MIRRORS, self.mirror))
+        if all(word in models[block.model].shutters for _, models, block in both):
+            raise ValueError(
+                f"shutter {word} is an output of counter {self.counter.model} and of mirror {self.mirror.model}: "
+                "nobody knows which one closes the light. The package that took the other's word has to change its own"
+            )
         for role, models, block in both:
             output = models[block.model].shutters.get(word)
             if output is not None:

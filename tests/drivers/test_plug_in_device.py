@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pytest
 
+from nlos.configs.load import load
+from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import SystemClock
 from nlos.drivers.device_model import DeviceModel, ShutterOutput
 from nlos.drivers.errors import DeviceFault, DeviceLost
@@ -27,6 +29,7 @@ from nlos.drivers.tcspc.counter import (
     HistogramFlag,
 )
 from nlos.drivers.tcspc.handed_over import answers_misfit
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 AXIS = HistogramAxis(8, 1e-11)
 READ = Histogram(np.ones(8, np.uint32), 1e-11, 0.0, 1e-3, 10000, 8, HistogramFlag.NONE, 0.0)
@@ -203,3 +206,13 @@ def test_a_package_that_cannot_be_used_takes_no_other_bench_with_it(
     assert len(said) == bool(why)
     assert set(models) - set(MIRRORS) == (set() if why else {"acme"})
     assert capsys.readouterr().out == ""
+
+
+def test_a_shutter_word_that_both_instruments_claim_opens_no_bench(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = load("bench", "simulated", BenchSettings).settings
+    counter, mirror, word = COUNTERS[told.counter.model], MIRRORS[told.mirror.model], told.shutter.model
+    output = (counter.shutters | mirror.shutters)[word]
+    monkeypatch.setitem(COUNTERS, counter.name, replace(counter, shutters={word: output}))
+    monkeypatch.setitem(MIRRORS, mirror.name, replace(mirror, shutters={word: output}))
+    with pytest.raises(ValueError, match=f"shutter {word} is an output of counter .* and of mirror .*: nobody knows"):
+        BenchSettings.model_validate_json(told.model_dump_json())
