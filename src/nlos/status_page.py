@@ -1,6 +1,7 @@
 """What the screen in the corridor shows of a data folder: the scan under way, the series, and the latest runs.
 
-Read-only and without a script: the browser asks again by itself. Made from files alone, by a process of its own, so
+Read-only and without a script: the browser asks again by itself, unless it is told to hold still for who reads it line
+by line, by keys or by ear. Made from files alone, by a process of its own, so
 that nothing a visitor does reaches the laser, the mirrors or a recording.
 """
 
@@ -25,6 +26,7 @@ from nlos.time_of_day import shown_after
 AGAIN_S = 5
 """How often the browser asks; the folder is looked at no more often than that."""
 LATEST = 12
+_HEAD = "<tr><th scope=col>Scan</th><th scope=col>Outcome</th><th scope=col>Why</th></tr>"
 
 
 class StatusPage:
@@ -39,11 +41,14 @@ class StatusPage:
         """Raises `Refused`."""
         if admitted(request, self._token, self._hosts):
             raise Refused(404)
+        still = "still" in request.query
+        again = "" if still else f'<meta http-equiv="refresh" content="{AGAIN_S}">'
+        other = f'<a href="?">Ask again every {AGAIN_S} s</a>' if still else '<a href="?still=1">Hold still</a>'
         return page_answer(
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width, initial-scale=1"><meta http-equiv="refresh" content="{AGAIN_S}">'
+            f'content="width=device-width, initial-scale=1">{again}'
             f'<title>nlos status</title><style nonce="NONCE">{self._style}</style></head><body>{self._current()}'
-            "</body></html>",
+            f"<footer>{other}</footer></body></html>",
             scripts=False,
         )
 
@@ -79,7 +84,7 @@ def _under_way(growing: Sequence[Run]) -> str:
         return '<section><p class="big">No scan is under way.</p></section>'
     return "".join(
         f'<section><p class="big">{escape(str(run.summary.get("sample") or Path(run.path).stem))}</p>'
-        f'<progress max="{run.summary["planned"]}" value="{run.summary["points"]}"></progress>'
+        f'<progress aria-label="points" max="{run.summary["planned"]}" value="{run.summary["points"]}"></progress>'
         f"<p>{run.summary['points']:,} of {run.summary['planned']:,} points since {escape(run.started)}; "
         f"{escape(str(run.summary.get('operator') or 'nobody named'))}, bench {escape(run.summary['bench'])}</p>"
         "</section>"
@@ -105,13 +110,14 @@ def _series(folder: Path) -> str:
     if len(over) == len(outcome):
         ends = "over"
     rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{escape('under way' if going and what == 'cut off' else what)}</td>"
+        f"<tr><th scope=row>{escape(name)}</th><td>{escape('under way' if going and what == 'cut off' else what)}</td>"
         f"<td>{escape(_why(journal, name))}</td></tr>"
         for name, what in outcome.items()
     )
     return (
         f'<section><h2>Series {escape(here.name)}</h2><p class="big">{len(over)} of {len(outcome)} scans, {ends}</p>'
-        f'<progress max="{max(len(outcome), 1)}" value="{len(over)}"></progress><table>{rows}</table></section>'
+        f'<progress aria-label="scans" max="{max(len(outcome), 1)}" value="{len(over)}"></progress>'
+        f"<table>{_HEAD}{rows}</table></section>"
     )
 
 

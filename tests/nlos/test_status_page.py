@@ -111,6 +111,14 @@ def test_who_has_the_address_may_look_and_nobody_may_do_anything(data: Path) -> 
         assert "<script" not in html
         assert "script-src" not in headers["Content-Security-Policy"]
         assert headers["Content-Security-Policy"].startswith("default-src 'none'")
+        assert 'http-equiv="refresh"' in html
+        still = asked(port, "GET", f"/{TOKEN}/?still=1")[1]  # for who reads it line by line, by keys or by ear
+        assert "http-equiv" not in still
+        assert [('href="?still=1"' in each, 'href="?"' in each) for each in (html, still)] == [
+            (True, False),
+            (False, True),
+        ]
+        assert "<th scope=row>2-cap</th>" in html
         assert asked(port, "GET", "/")[0] == 403
         assert asked(port, "GET", "/corridor-corridoR/")[0] == 403
         assert asked(port, "GET", f"/{TOKEN}/", host="evil.example")[0] == 403

@@ -43,9 +43,13 @@ def drawn(chart: Chart) -> str:
     parts.append(
         f'<text transform="translate(13 {y_middle}) rotate(-90)" text-anchor="middle">{escape(chart.y_label)}</text>'
     )
+    told = (
+        f"{chart.title}: {chart.y_label} from {min(ys):.4g} to {max(ys):.4g}, {chart.x_label} from {min(chart.x):g} to "
+        f"{max(chart.x):g}"
+    )
     return (
         f'<figure><figcaption>{escape(chart.title)}</figcaption><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
-        f'aria-label="{escape(chart.title)}">{"".join(parts)}</svg></figure>'
+        f'aria-label="{escape(told)}">{"".join(parts)}</svg></figure>'
     )
 
 

@@ -81,15 +81,19 @@ def write_page(
         "Bench file": str(table.path),
         "Software": ", ".join(f"{name} {version}" for name, version in software_versions().items()),
     }
-    about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(said)}</td></tr>" for name, said in facts.items())
+    about = "".join(
+        f"<tr><th scope=row>{escape(name)}</th><td>{escape(said)}</td></tr>" for name, said in facts.items()
+    )
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>"
         f"<p class=when>{when}</p><p class=whole><span class={whole}>{whole}</span> "
         f"({', '.join(f'{count} {verdict}' for verdict, count in counted.items())})</p>"
-        "<h2>Instruments</h2><table><tr><th></th><th>Instrument</th><th>Serial number</th><th>Firmware</th></tr>"
+        "<h2>Instruments</h2><table><tr><th scope=col>Part</th><th scope=col>Instrument</th>"
+        "<th scope=col>Serial number</th><th scope=col>Firmware</th></tr>"
         f"{instruments or '<tr><td colspan=4>none answered</td></tr>'}</table>"
-        f"{steps if advice else ''}<h2>Findings</h2><table>{rows}</table>"
+        f"{steps if advice else ''}<h2>Findings</h2><table><tr><th scope=col>Verdict</th>"
+        f"<th scope=col>Examined</th><th scope=col>Found</th></tr>{rows}</table>"
         f"{f'<h2>Curves</h2><div class=curves>{curves}</div>' if curves else ''}"
         f"<h2>Bench</h2><table>{about}</table><details><summary>The bench file</summary>"
         f"<pre>{escape(table.text)}</pre></details></body></html>"

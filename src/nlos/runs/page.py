@@ -71,15 +71,17 @@ def _picture(folder: Path, run: Run) -> str:
     picture = (folder / run.path).with_suffix("") / "albedo.png"
     try:
         if picture.is_file() and picture.stat().st_size <= _LARGEST_PICTURE:
-            return _image(picture.read_bytes(), "reconstruction")
+            return _image(picture.read_bytes(), f"reconstruction of {run.path}")
     except OSError:
         pass
     thumbnail = run.summary.get("thumbnail")
     if not thumbnail:
         return '<div class="none">no picture</div>'
     grey = base64.b64decode(thumbnail["grey"])
-    return _image(grey_png(grey, thumbnail["rows"], thumbnail["cols"]), "count rate over the wall", "rates")
+    return _image(
+        grey_png(grey, thumbnail["rows"], thumbnail["cols"]), f"count rate over the wall of {run.path}", "rates"
+    )
 
 
 def _image(png: bytes, what: str, kind: str = "picture") -> str:
-    return f'<img class="{kind}" alt="{what}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+    return f'<img class="{kind}" alt="{escape(what)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
