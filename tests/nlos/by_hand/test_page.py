@@ -191,6 +191,13 @@ def test_a_person_sees_it_in_a_browser(tmp_path: Path, monitor: AtATerminal) -> 
         shows("banner", "No update")
         monitor.signal(signal.SIGCONT)
         playwright.expect(page.locator("#banner")).to_be_hidden(timeout=PATIENCE_S * 1e3)
+        page.route("**/newest*", lambda route: None)  # a line that was cut, of which nobody hears
+        page.wait_for_timeout(300)
+        page.evaluate("heard_s -= SILENT_S")
+        shows("banner", "The page is no longer told")
+        shows("light", "no answer")
+        page.unroute("**/newest*")
+        playwright.expect(page.locator("#banner")).to_be_hidden(timeout=PATIENCE_S * 1e3)
         monitor.press("q")
         assert monitor.ends() == 0
         shows("banner", r"It has ended.*The light is off")
