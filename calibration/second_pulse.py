@@ -3,7 +3,7 @@ comes as late at every point, and whatever is hidden is seen once more behind it
 (`without_second_pulse.py`) where no surface would do the same."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,9 @@ _WIDTHS = 4
 """So many full widths of the response to each side of a bin tell what is below a pulse there."""
 _LEAST_BINS = 6
 _PHASES = 16
-"""Places in a bin at which a pulse is looked for."""
+"""Places in a bin at which a pulse is looked for ..."""
+_ROUNDS = 4
+"""... and how often it is moved to where its slope says."""
 _SURE = 8.0
 """Standard errors from which on a pulse is believed."""
 _FAINTEST = 0.002
@@ -71,9 +73,11 @@ def second_pulse(
     if not lit.any():
         return None
     seen, direct = np.asarray(counts[lit], dtype=np.float64), offsets.direct_counts[lit]
-    fit = _clearest(seen.sum(axis=0), variance[lit].sum(axis=0, dtype=np.float64), float(direct.sum()), offsets)
+    total, chance = seen.sum(axis=0), variance[lit].sum(axis=0, dtype=np.float64)
+    fit = _clearest(total, chance, float(direct.sum()), offsets)
     if fit is None:
         return None
+    fit = _between_phases(fit, total, float(direct.sum()), offsets)
     windows, width_s = seen[:, fit.at : fit.at + len(fit.columns)], offsets.bin_width_s
     each = windows @ np.linalg.pinv(fit.columns)[0]
     if not np.median(each) > _EVERYWHERE * fit.share * np.median(direct):
@@ -83,9 +87,7 @@ def second_pulse(
     if lags is not None and abs(lags.curved) > max(_CURVED, 3 * lags.curved_error):
         return None
     even = lags is not None and lags.lean < _LEAN and _as_bright(each, expected, places_m)
-    return SecondPulse(
-        fit.lag_s + (lags.mean_s if lags else 0.0), fit.share, fit.share_error, even, offsets.response, width_s
-    )
+    return SecondPulse(fit.lag_s, fit.share, fit.share_error, even, offsets.response, width_s)
 
 
 def _clearest(total: Floats, chance: Floats, direct: float, offsets: TimeOffsets) -> _Fit | None:
@@ -113,12 +115,23 @@ def _clearest(total: Floats, chance: Floats, direct: float, offsets: TimeOffsets
     return found
 
 
+def _between_phases(fit: _Fit, total: Floats, direct: float, offsets: TimeOffsets) -> _Fit:
+    """The same where its pulse explains the sum of all points (T,) best, by its slope."""
+    response, width_s, bins = offsets.response, offsets.bin_width_s, len(fit.columns)
+    seen, lag_s, step_s = total[fit.at : fit.at + bins], fit.lag_s, width_s / _PHASES
+    for _ in range(_ROUNDS):
+        first_s = fit.at * width_s - lag_s
+        later, shape, sooner = response.in_bins([first_s - step_s, first_s, first_s + step_s], bins, width_s)
+        columns = np.column_stack([shape, fit.columns[:, 1:], (later - sooner) * _PHASES / 2])
+        part = np.linalg.pinv(columns) @ seen
+        lag_s += float(np.clip(part[-1] / part[0], -1, 1)) * width_s
+    return replace(fit, lag_s=lag_s, share=float(part[0] / direct), columns=columns[:, :-1])
+
+
 @dataclass(frozen=True)
 class _Lags:
     """How the delay of the pulse differs over the wall."""
 
-    mean_s: float
-    """Beyond that of the fit."""
     curved: float
     """1 for a small surface that is so far off as it is late, c t = 2 sqrt(d^2 + r^2)."""
     curved_error: float
@@ -138,7 +151,7 @@ def _lags(windows: Floats, fit: _Fit, expected: Floats, width_s: float, places_m
     part, error = found
     lean, unsure = (np.hypot(*each[1:3]) * SPEED_OF_LIGHT_M_PER_S / 2 for each in (part, error))
     beyond = max(float(lean - 3 * unsure), 0.0) if 3 * unsure < _LEAN else np.inf
-    return _Lags(float(later.sum() / expected.sum()), float(part[3]), float(error[3]), beyond)
+    return _Lags(float(part[3]), float(error[3]), beyond)
 
 
 def _as_bright(each: Floats, expected: Floats, places_m: Floats) -> bool:
