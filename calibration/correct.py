@@ -21,7 +21,7 @@ from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
-from nlos.calibration.without_second_pulse import too_bright, without_second_pulse
+from nlos.calibration.without_second_pulse import without_second_pulse
 
 Floats = npt.NDArray[np.float64]
 LEAD_S = 300e-12
@@ -265,12 +265,9 @@ def _finish(
 
 
 def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoints:
-    """`_finish` without a second pulse, and without bins that its photons hide."""
+    """`_finish` without a second pulse."""
     counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
-    done = _finish(raw, replace(timed, counts=counts, variance=variance))
-    there = done.exposure_s > 0
-    usable = done.usable & ~too_bright(second, done.counts[there], done.direct.amplitude[there])
-    return replace(done, counts=np.where(usable, done.counts, np.float32(0)), usable=usable, second=second)
+    return replace(_finish(raw, replace(timed, counts=counts, variance=variance)), second=second)
 
 
 def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:

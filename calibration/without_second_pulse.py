@@ -16,8 +16,6 @@ Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
 _ROWS = 512
 """So many points at a time."""
-_SMOOTHED = 3
-"""Bins over which the brightest light is averaged."""
 
 
 def without_second_pulse(
@@ -45,12 +43,3 @@ def without_second_pulse(
         light[rows] = rest + below[rows, None] + pulse
     spread[:, round(lag) :] += found.share**2 * spread[:, : -round(lag)]
     return light, spread
-
-
-def too_bright(found: SecondPulse, counts: Counts, direct: Floats) -> npt.NDArray[np.bool_]:
-    """Bins (T,) in which the chance of the pulse's photons, which stays where it was taken out, outshines what is
-    brightest elsewhere with its own. `counts` (N, T) begin at direct light of so many photons, `direct` (N,)."""
-    shape = found.response.in_bins(-found.lag_s, counts.shape[1], found.bin_width_s)
-    profile = np.convolve(counts.mean(axis=0, dtype=np.float64), np.full(_SMOOTHED, 1 / _SMOOTHED), mode="same")
-    brightest = float(profile[shape == 0].max(initial=0.0))
-    return np.asarray(found.share * float(direct.mean()) * shape > brightest * (1 + brightest))
