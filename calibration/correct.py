@@ -100,21 +100,29 @@ class CorrectedSample:
     time: TimeAxis
 
 
+@dataclass(frozen=True, eq=False)
+class KnownDirect:
+    """What a whole scan, or its file, says of direct light."""
+
+    offset_bins: npt.ArrayLike
+    """When it comes, in bins after the start of the record: (N,), or (H, W) of a grid."""
+    second: SecondPulse | None = None
+    """One that comes again behind it, and is taken out."""
+
+
 def correct_points(
     raw: RawPoints,
     constants: BenchConstants | None = None,
     *,
     rectified: bool = False,
-    offset_bins: npt.ArrayLike | None = None,
-    second: SecondPulse | None = None,
+    known: KnownDirect | None = None,
     remove_direct: bool = True,
 ) -> CorrectedPoints:
     """Corrects a scan as a whole; what `constants` do not tell is measured from the scan itself.
 
-    `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known, and whether there is
-    a `second` pulse. Otherwise each
-    scan's own direct light tells them, and the constants' arrivals help out where it shows none. The result keeps
-    the bins that every point recorded. Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
+    `rectified`: time 0 is the direct arrival already; `known`: when direct light comes is known. Otherwise each scan's
+    own direct light tells it, and the constants' arrivals help out where it shows none. The result keeps the bins that
+    every point recorded. Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
     """
     raw.check(cut_tops=not rectified)
     if constants is None or constants.dead_time_s is None:
@@ -123,8 +131,8 @@ def correct_points(
     offsets: TimeOffsets | None = None
     if rectified:
         arrival = np.full(len(counts), -raw.time.start_s / raw.time.bin_width_s)
-    elif offset_bins is not None:
-        arrival = np.asarray(offset_bins, dtype=np.float64)
+    elif known is not None:
+        arrival = np.asarray(known.offset_bins, dtype=np.float64).ravel()
     else:
         response = None if constants is None else constants.response
         try:
@@ -141,6 +149,7 @@ def correct_points(
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
     timed = _Timed(counts, variance, arrival, background, offsets)
     done = _finish(raw, timed, remove_direct=remove_direct)
+    second = None if known is None else known.second
     if offsets is not None and remove_direct:
         doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
     return done if second is None or not second.even else _without(raw, timed, second)
@@ -151,19 +160,13 @@ def correct(
     constants: BenchConstants | None = None,
     *,
     rectified: bool = False,
-    offset_bins: npt.ArrayLike | None = None,
-    second: SecondPulse | None = None,
+    known: KnownDirect | None = None,
     sync_count: npt.ArrayLike = 0.0,
     total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
-    """`correct_points` for a scan on a grid; `offset_bins`, `sync_count` and `total_count` are (H, W)."""
-    done = correct_points(
-        raw_points.from_transient(transient, sync_count, total_count),
-        constants,
-        rectified=rectified,
-        offset_bins=None if offset_bins is None else np.asarray(offset_bins).ravel(),
-        second=second,
-    )
+    """`correct_points` for a scan on a grid; `sync_count` and `total_count` are (H, W)."""
+    raw = raw_points.from_transient(transient, sync_count, total_count)
+    done = correct_points(raw, constants, rectified=rectified, known=known)
     wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
     return Corrected(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.bench_constants import correcting_constants
-from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
+from nlos.calibration.correct import CorrectedPoints, KnownDirect, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import from_transient
 from nlos.cli.escaped import escaped
@@ -100,7 +100,7 @@ def _calibrated(
     tell: Tell,
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
-    transient, second = scan.transient, None if arrivals is None else arrivals.second
+    transient = scan.transient
     _refuse_late(scan)
     refuse_full(scan)
     if use_file_offsets:
@@ -112,8 +112,8 @@ def _calibrated(
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
         with _or_rectified(scan):
             done = correct_points(
-                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None, second=second,
-                offset_bins=None if scan.rectified or arrivals is None else arrivals.of(points),
+                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None,
+                known=None if scan.rectified or arrivals is None else arrivals.of(points),
             )  # fmt: skip
         if scan.rectified:
             tell_if_not_rectified(scan, points, done, tell)
@@ -132,13 +132,12 @@ def _calibrated(
         return done_so.transient, None
     if use_file_offsets or arrivals is not None:
         of_a_whole = None if use_file_offsets else arrivals
-        known = correct(
-            transient, constants, offset_bins=scan.offset_bins if of_a_whole is None else of_a_whole.offset_bins,
-            sync_count=scan.sync_count, total_count=scan.total_count, second=second,
-        )  # fmt: skip
+        by_file = None if scan.offset_bins is None else KnownDirect(scan.offset_bins)
+        known = by_file if of_a_whole is None else of_a_whole.known()
+        done_by = correct(transient, constants, known=known, sync_count=scan.sync_count, total_count=scan.total_count)
         if of_a_whole is None:
-            tell_of_light_left_out(known.points, tell)
-        return known.transient, None if of_a_whole is None else of_a_whole.response
+            tell_of_light_left_out(done_by.points, tell)
+        return done_by.transient, None if of_a_whole is None else of_a_whole.response
     with _or_rectified(scan):
         corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)

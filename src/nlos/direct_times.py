@@ -11,6 +11,7 @@ from nlos.acquisition.errors import InvalidData
 
 if TYPE_CHECKING:
     from nlos.calibration.arrival_rounds import TimeOffsets
+    from nlos.calibration.correct import KnownDirect
     from nlos.calibration.impulse_response import ImpulseResponse
     from nlos.calibration.raw_points import RawPoints
     from nlos.calibration.second_pulse import SecondPulse
@@ -42,10 +43,18 @@ class DirectTimes:
         """Wall, scanner and delay that explain them."""
         return self.offsets.wall
 
-    def of(self, points: "RawPoints") -> npt.NDArray[np.float64]:
-        """Those of some of the positions, (N,). Raises `InvalidData` for one that is not the scan's."""
+    def known(self) -> "KnownDirect":
+        """Those of all points."""
+        from nlos.calibration.correct import KnownDirect
+
+        return KnownDirect(self.offset_bins, self.second)
+
+    def of(self, points: "RawPoints") -> "KnownDirect":
+        """Those of some of the positions. Raises `InvalidData` for one that is not the scan's."""
+        from nlos.calibration.correct import KnownDirect
+
         assert self.places is not None
         at = [self.places.get(place) for place in zip(points.x_m.tolist(), points.y_m.tolist(), strict=True)]
         if None in at:
             raise InvalidData(f"{points.name(at.index(None))} is none of the scan whose direct light is known.")
-        return self.offset_bins[np.array(at, dtype=np.int64)]
+        return KnownDirect(self.offset_bins[np.array(at, dtype=np.int64)], self.second)

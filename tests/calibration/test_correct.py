@@ -8,7 +8,7 @@ from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.constants import BenchConstants, Quantity
-from nlos.calibration.correct import correct, correct_points
+from nlos.calibration.correct import KnownDirect, correct, correct_points
 from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
 from nlos.calibration.measure import measure_constants
@@ -98,7 +98,7 @@ def test_unmeasured_points_stay_unmeasured(raw_scan: RawScan) -> None:
 def test_a_point_whose_arrival_nobody_knows_was_not_exposed(raw_scan: RawScan) -> None:
     arrival = np.asarray(raw_scan.arrival_bins, dtype=np.float64).copy()
     arrival[10] = np.nan
-    done = correct_points(raw(raw_scan), offset_bins=arrival)
+    done = correct_points(raw(raw_scan), known=KnownDirect(arrival))
     assert np.flatnonzero(done.exposure_s == 0).tolist() == [10]
     assert not done.usable[10].any()
     assert done.usable[:10, -1].all()

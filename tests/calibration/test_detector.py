@@ -10,7 +10,7 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.constants import BenchConstants, Quantity, load, save
-from nlos.calibration.correct import correct_points
+from nlos.calibration.correct import KnownDirect, correct_points
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import known_direct_light
 from nlos.calibration.measure import measure_constants
@@ -157,7 +157,7 @@ def test_bins_whose_photons_nobody_can_tell_are_not_used(by: float) -> None:
     clicks[10] = PULSES * -np.expm1(-2.0)
     raw = points(clicks, clicks.sum())
     known = replace(NOTHING, dead_time_s=Quantity(DEAD_BINS * WIDTH_S, 2 * WIDTH_S))
-    done = correct_points(raw, known, offset_bins=np.array([by]), remove_direct=False)
+    done = correct_points(raw, known, known=KnownDirect(np.array([by])), remove_direct=False)
     hidden = [47, 48, 49, 50, 51] if by else [48, 49, 50, 51]
     assert np.flatnonzero(~done.usable[0]).tolist() == hidden
     assert not done.counts[0, hidden].any()

@@ -8,7 +8,7 @@ import pytest
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.background import Background
-from nlos.calibration.correct import CorrectedPoints, correct_points
+from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points
 from nlos.calibration.impulse_response import from_histogram
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse
@@ -90,9 +90,9 @@ def test_frames_of_a_scan_are_without_its_second_pulse() -> None:
     whole = correct_points(frame)
     assert whole.second is not None
     assert whole.offsets is not None
-    known = correct_points(frame, offset_bins=whole.offsets.offset_bins, second=whole.second)
+    known = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins, whole.second))
     np.testing.assert_allclose(known.counts, whole.counts, atol=1e-3)
-    left = correct_points(frame, offset_bins=whole.offsets.offset_bins)
+    left = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins))
     assert abs(about(known, 2.0)) < 0.02 * about(left, 2.0)
 
 

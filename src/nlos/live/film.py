@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.recording.frames import LEAST_PART
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.correct import CorrectedPoints, correct_points, known_arrival_bins
+from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points, known_arrival_bins
 from nlos.calibration.raw_points import RawPoints
 from nlos.chain import calibrate_scan
 from nlos.live.calibrated import Calibrated
@@ -213,8 +213,8 @@ class LiveFilm:
             np.array([each.total_count for each in held], dtype=np.float64),
             TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s),
         )  # fmt: skip
-        arrival_bins = known.arrival_bins[row * plan.wall.cols + col]
-        done = correct_points(raw, self._constants, offset_bins=arrival_bins, second=known.second)
+        direct = KnownDirect(known.arrival_bins[row * plan.wall.cols + col], known.second)
+        done = correct_points(raw, self._constants, known=direct)
         taken_s = np.array([each.taken_s + each.histogram.live_time_s / 2 for each in samples])
         used = done.exposure_s > 0
         counts = np.zeros((int(used.sum()), known.bins), dtype=np.float32)
