@@ -29,7 +29,9 @@ _FAINTEST = 0.002
 _LIKE = 0.1
 """Of its maximum, by which a pulse may differ from the direct one; the edge of a hidden plane differs by more."""
 _EVERYWHERE = 0.5
-"""Of the share on average, which the median point must show: hidden light comes to each at its own time."""
+"""Of the share on average, which the median point must show: hidden light comes to each at its own time ..."""
+_ITSELF = 2.0
+"""... and where that is so many standard errors of a single point, three of four points."""
 _CURVED = 0.05
 """Of a small surface's later arrival at points farther from it, beyond three standard errors: then it is a surface."""
 _LEAN = np.deg2rad(0.1)
@@ -79,10 +81,12 @@ def second_pulse(
         return None
     fit = _between_phases(fit, total, float(direct.sum()), offsets)
     windows, width_s = seen[:, fit.at : fit.at + len(fit.columns)], offsets.bin_width_s
-    each = windows @ np.linalg.pinv(fit.columns)[0]
-    if not np.median(each) > _EVERYWHERE * fit.share * np.median(direct):
+    take, expected = np.linalg.pinv(fit.columns)[0], fit.share * direct
+    each, places_m = windows @ take, np.stack([x_m[lit], y_m[lit]])
+    chance = variance[lit, fit.at : fit.at + len(take)] @ take**2 + expected * (fit.columns[:, 0] @ take**2)
+    least = 0.25 if np.median(expected / np.sqrt(chance)) > _ITSELF else 0.5
+    if not np.quantile(each, least) > _EVERYWHERE * fit.share * np.median(direct):
         return None
-    expected, places_m = fit.share * direct, np.stack([x_m[lit], y_m[lit]])
     lags = _lags(windows, fit, expected, width_s, places_m)
     if lags is not None and abs(lags.curved) > max(_CURVED, 3 * lags.curved_error):
         return None

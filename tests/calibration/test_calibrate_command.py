@@ -285,8 +285,8 @@ def test_constants_named_as_a_run_are_called_constants(
 def test_the_report_gives_place_and_delay_to_the_digits_of_their_errors(folder: Path, tmp_path: Path) -> None:
     assert nlos(["report", str(folder / "run.h5"), "-o", str(tmp_path / "r.html")]) == 0
     text = (tmp_path / "r.html").read_text("utf-8")
-    place = re.search(r"<th>Scanner, from[^<]* own axes[^<]*</th><td>([^<]*)<", text)
-    delay = re.search(r"<th>Delay of cables[^<]*</th><td>([0-9.-]+) ± ([0-9.]+)<", text)
+    place = re.search(r"<th[^>]*>Scanner, from[^<]* own axes[^<]*</th><td>([^<]*)<", text)
+    delay = re.search(r"<th[^>]*>Delay of cables[^<]*</th><td>([0-9.-]+) ± ([0-9.]+)<", text)
     assert place is not None
     assert delay is not None
     for said in place[1].split(", "):  # mm

@@ -1,6 +1,7 @@
 """A laser that pulses twice, photon by photon, beside hidden surfaces that come nearly as one pulse to every point."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,16 @@ def test_a_surface_is_no_second_pulse_however_far_or_even_it_is(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         correct_points(scan(wall_m, patch_m, (0.0, 0.0)))
+    assert "second pulse" not in caplog.text
+
+
+def test_light_that_little_more_than_half_of_the_points_see_is_no_second_pulse(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    twice, once = (scan(1.0, (0.7, 0.3), second) for second in ((2e-9, 0.2), (0.0, 0.0)))
+    most = np.arange(len(once.x_m)) % 9 < 5
+    with caplog.at_level(logging.WARNING):
+        correct_points(replace(once, counts=np.where(most[:, None], twice.counts, once.counts)))
     assert "second pulse" not in caplog.text
 
 

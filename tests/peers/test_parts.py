@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 PAGE = (Path(__file__).parents[2] / "docs/peers.md").read_text(encoding="utf-8")
-CHECKOUTS = re.findall(r"git clone .*/(\w+)$", PAGE, re.MULTILINE)
+CHECKOUTS = re.findall(r"git clone .*/([\w.-]+)$", PAGE, re.MULTILINE)
 PACKAGES = {
     "snapi": "snAPI",
     "pyvisa-py": "pyvisa_py",
@@ -18,7 +18,10 @@ PACKAGES = {
 
 
 def test_the_page_names_the_parts() -> None:
-    assert {"TriggerScopeMM", "tinyusb", "helios_dac", "pyglotaran", "libpicoquant"} == set(CHECKOUTS)
+    assert set(CHECKOUTS) == {
+        "TriggerScopeMM", "tinyusb", "helios_dac", "coPylot", "MH150-Demos", "HH400-v3.x-Demos", "PH300-v3.x-Demos",
+        "pyglotaran", "libpicoquant",
+    }  # fmt: skip
     installed = re.search(r"pip install (.+)$", PAGE, re.MULTILINE)
     assert installed is not None
     assert set(installed[1].split()) == set(PACKAGES)
