@@ -203,7 +203,10 @@ def _explain(error: dict[str, Any], data: Any, places: dict[Place, yaml.Mark], n
             place = (*place, str(error["ctx"]["discriminator"]).strip("'"))
             mark = places.get(place, mark)
             words = [word.strip("' ") for word in known.split(",")]
-            message = f"must be one of {', '.join(words)} (given {tag!r}).{_did_you_mean(tag, words)}"
+            hint = _did_you_mean(tag, words)
+            if not hint and place[-1] == "model":
+                hint = " One of another package is there once that is installed."
+            message = f"must be one of {', '.join(words)} (given {tag!r}).{hint}"
             return f"{name}:{mark.line + 1}:{mark.column + 1}: {_dotted(place)}: {message}"
     hint = ""
     if isinstance(given, bool):

@@ -26,7 +26,10 @@ def answers_misfit() -> Misfit:
             return ""
         if not isinstance(answer, list) or len(answer) != given[1]:
             return f"{_many(answer)}, where {given[1]} were asked for"
-        return next(filter(None, (_misfit(each, axis) for each in answer)), "")
+        wrong = next(filter(None, (_misfit(each, axis) for each in answer)), "")
+        if not wrong and len({id(each.counts) for each in answer}) < len(answer):
+            return "one array for several points, of which only the last would be kept"
+        return wrong
 
     return misfit
 

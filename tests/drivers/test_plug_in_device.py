@@ -130,6 +130,14 @@ def test_histograms_that_cannot_be_counts_are_never_recorded(read: Any, why: str
         counter.read(0, 1)
 
 
+def test_one_array_for_several_points_is_never_recorded() -> None:
+    counter = opened(HistogramCounter, configure=lambda axis, stop=None: None, read=lambda first, count: [READ] * count)
+    counter.configure(AXIS, None)
+    counter.read(0, 1)
+    with pytest.raises(DeviceFault, match="answer to read: one array for several points"):
+        counter.read(0, 3)
+
+
 def test_answers_of_another_kind_are_refused_and_good_ones_pass() -> None:
     status, rates = CounterStatus(True, 1, 0, None), CountRates(1e7, 100.0)
     answers: dict[str, Any] = {"wait_points": status, "rates": rates, "configure": None, "read": [READ]}

@@ -140,6 +140,7 @@ def test_without_the_package_its_word_is_unknown(lab: Path) -> None:
     done = nlos(lab, "devices", "--bench", "bench.yaml")
     assert done.returncode == 2
     assert "must be one of" in done.stderr
+    assert "of another package is there once that is installed" in done.stderr
 
 
 def test_no_room_but_drivers_decides_by_the_name_of_a_model() -> None:
