@@ -77,6 +77,16 @@ def scan(this: Any, trigger: Trigger) -> Iterator[Callable[[], Any]]:
             assert histogram.live_time_s == pytest.approx(dwell_s)
 
 
+def scan_in_time(this: Any, trigger: Trigger) -> None:
+    """`scan`, each of whose calls ends within `LONGEST_CALL_S`, or in an error within it."""
+    for call in scan(this, trigger):
+        start_s = this.bench.clock.now()
+        try:
+            call()
+        finally:
+            assert this.bench.clock.now() - start_s < LONGEST_CALL_S
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("mode", ["histogram", "t3"])
 @settings(
@@ -92,12 +102,7 @@ def test_any_harm_gives_the_right_histograms_or_a_named_error_in_time(
     this = rig(bins=BINS, packet_bytes=packet_bytes, mode=mode)
     this.usb.device("SIM0001").mangle = Cable(plan)
     with suppress(DeviceError):
-        for call in scan(this, trigger):
-            start_s = this.bench.clock.now()
-            try:
-                call()
-            finally:
-                assert this.bench.clock.now() - start_s < LONGEST_CALL_S
+        scan_in_time(this, trigger)
     this.usb.device("SIM0001").mangle = None
     this.counter.instrument.link.clear()  # what the harm left behind
     this.counter.instrument.scpi.drain_errors()

@@ -16,7 +16,7 @@ from nlos.drivers.errors import DeviceError, DeviceLost
 from nlos.drivers.simulated.usb.backend import SimulatedUsb, _fail, _time_out
 from nlos.drivers.simulated.usb.usbtmc_device import Transfer
 from nlos.drivers.tcspc.counter import Trigger
-from tests.drivers.tcspc.test_any_usb_cable import BINS, LONGEST_CALL_S, scan
+from tests.drivers.tcspc.test_any_usb_cable import BINS, scan_in_time
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 EVERY = 1 if SOAK else 7
@@ -105,7 +105,7 @@ class Unusual(SimulatedUsb):
 def test_what_usb_may_do_spoils_no_histogram_and_keeps_no_light_on(
     rig: Callable, what: str, mode: str, times: int
 ) -> None:
-    """`scan` compares every histogram."""
+    """`scan_in_time` compares every histogram."""
     at, met, trigger = 0, 1, Trigger.HOST
     while at <= met:
         this = rig(bins=BINS, packet_bytes=PACKET, mode=mode)
@@ -115,12 +115,7 @@ def test_what_usb_may_do_spoils_no_histogram_and_keeps_no_light_on(
         failed: DeviceError | None = None
         try:
             this.shutter.open()
-            for call in scan(this, trigger):
-                start_s = this.bench.clock.now()
-                try:
-                    call()
-                finally:
-                    assert this.bench.clock.now() - start_s < LONGEST_CALL_S
+            scan_in_time(this, trigger)
         except DeviceError as error:
             failed = error
         assert failed is None or what not in HARMLESS or times > 1
