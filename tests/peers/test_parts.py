@@ -14,6 +14,7 @@ PACKAGES = {
     "pyusb": "usb",
     "phconvert": "phconvert",
     "Swabian-TimeTagger": "Swabian.TimeTagger",
+    "mitransient": "mitsuba",  # itself it asks for a variant of that first
 }
 
 
