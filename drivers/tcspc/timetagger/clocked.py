@@ -218,26 +218,43 @@ class ByTags:
         self._clock.run(False)
         self._tagger.call("stop", self._stream.stop)
 
-    @staticmethod
-    def single(
-        tagger: Tagger, settings: TimeTaggerSettings, stream: Any, axis: HistogramAxis, period: Period
-    ) -> tuple[npt.NDArray[Any], bool]:
-        """All tags of one point started by the host, as counts over the laser period (bins,), and whether any were
-        lost."""
-        times, channels, lost, _ = _tags(tagger, stream)
-        before = np.iinfo(np.int64).min // 2
-        bins, _, _ = _photons(times, channels, settings, before, round(axis.bin_width_s / PS))
-        return np.bincount(bins[bins < period.bins], minlength=period.bins), lost
+
+class PointTags:
+    """A point that the host starts, sorted here as its tags come: the vendor's buffer drops what finds it full."""
+
+    def __init__(self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period) -> None:
+        self._tagger, self._settings, self._width_ps = tagger, settings, round(axis.bin_width_s / PS)
+        self.measurement = tagger.measurement(
+            "TimeTagStream", _MOST_TAGS, [settings.sync.channel, settings.detector.channel]
+        )
+        self.counts: npt.NDArray[Any] = np.zeros(period.bins, np.int64)
+        """Over the laser period (bins,)."""
+        self.lost = False
+        self.begin()
+
+    def begin(self) -> None:
+        """What was seen so far is of no point."""
+        self.counts = np.zeros_like(self.counts)
+        self.lost, self._sync_ps = False, np.iinfo(np.int64).min // 2
+
+    def look(self) -> None:
+        """Takes what has come."""
+        times, channels, lost, _ = _tags(self._tagger, self.measurement)
+        bins, _, self._sync_ps = _photons(times, channels, self._settings, self._sync_ps, self._width_ps)
+        self.counts += np.bincount(bins[bins < len(self.counts)], minlength=len(self.counts))
+        self.lost |= lost
 
 
 def _tags(tagger: Tagger, stream: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], bool, int]:
-    """Times in ps and channels (n,) since the last look, whether any were lost, and until when (ps) all are told."""
+    """Times in ps and channels (n,) since the last look, whether any were lost - the instrument says so by tags of
+    their own, a full buffer not at all - and until when (ps) all are told."""
     buffer = tagger.call("getData", stream.getData)
     kinds = tagger.read(buffer, "getEventTypes")
     whole = kinds == _TIME_TAG
     times = tagger.read(buffer, "getTimestamps").astype(np.int64)
     channels = tagger.read(buffer, "getChannels").astype(np.int32)
-    return times[whole], channels[whole], not bool(whole.all()), int(buffer.tGetData)
+    lost = not bool(whole.all()) or len(times) >= _MOST_TAGS
+    return times[whole], channels[whole], lost, int(buffer.tGetData)
 
 
 def _photons(

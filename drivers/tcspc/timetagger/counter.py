@@ -23,7 +23,7 @@ from nlos.drivers.tcspc.counter import (
     Trigger,
 )
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
-from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock, Stepped
+from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock, PointTags, Stepped
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
 from nlos.drivers.tcspc.unwatched import UnwatchedCounter
@@ -63,6 +63,7 @@ class TimeTagger(UnwatchedCounter):
         self._axis: HistogramAxis | None = None
         self._period = Period(0.0, 0, 0)
         self._histogram: Any = None
+        self._tags: PointTags | None = None
         self._clocked: Clocked | None = None
         self._dwells_s: Sequence[float] = ()
         self._taken: list[Histogram] = []
@@ -149,8 +150,10 @@ class TimeTagger(UnwatchedCounter):
             self._clocked.begin()
             return
         sync, detector = self._settings.sync.channel, self._settings.detector.channel
+        self._tags = None
         if self._settings.mode == "list":
-            self._histogram = self.tagger.measurement("TimeTagStream", 1_000_000, [sync, detector])
+            self._tags = PointTags(self.tagger, self._settings, axis, self._period)
+            self._histogram = self._tags.measurement
         else:
             self._histogram = self.tagger.measurement("Histogram", detector, sync, width_ps, bins)
         self.tagger.call("stop", self._histogram.stop)
@@ -162,6 +165,8 @@ class TimeTagger(UnwatchedCounter):
             raise CommandRejected(self._device, "no armed point is left to trigger.", "Arm again.")
         dwell_ps = round(self._dwells_s[self._triggered] / PS)
         self._started_s = self._clock.now()
+        if self._tags is not None:
+            self._tags.begin()
         self.tagger.call("startFor", self._histogram.startFor, dwell_ps)
         self._running = True
         self._triggered += 1
@@ -189,12 +194,12 @@ class TimeTagger(UnwatchedCounter):
             if not self._running:
                 raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
             due_s = self._started_s + self._dwells_s[self._triggered - 1]
-            sleep_until(self._clock, min(due_s, deadline_s), self._meanwhile)
+            sleep_until(self._clock, min(due_s, deadline_s), self._while_running)
             while self.tagger.call("isRunning", self._histogram.isRunning):
                 if self._clock.now() >= deadline_s:
                     self.abort()
                     raise self._late(f"{len(self._taken)} of {count} points complete", timeout_s)
-                self._meanwhile()
+                self._while_running()
                 self._clock.sleep(_POLL_S)
             self._taken.append(self._finish())
             if len(self._taken) == len(self._dwells_s):
@@ -210,19 +215,23 @@ class TimeTagger(UnwatchedCounter):
 
     def rest(self, seconds: float) -> bool:
         if self._clocked is None and self._running and self.tagger.call("isRunning", self._histogram.isRunning):
-            sleep_until(self._clock, self._clock.now() + seconds, self._meanwhile)
+            sleep_until(self._clock, self._clock.now() + seconds, self._while_running)
             return True
         return False
+
+    def _while_running(self) -> None:
+        self._meanwhile()
+        if self._tags is not None:
+            self._tags.look()
 
     def meanwhile(self, look: Callable[[], None]) -> None:
         self._meanwhile = look
 
     def _finish(self) -> Histogram:
-        axis, period = self._configured(), self._period
-        self._running = False
-        lost = False
-        if self._settings.mode == "list":
-            counts, lost = ByTags.single(self.tagger, self._settings, self._histogram, axis, period)
+        self._running = lost = False
+        if self._tags is not None:
+            self._tags.look()
+            counts, lost = self._tags.counts, self._tags.lost
         else:
             counts = self.tagger.read(self._histogram).astype(np.uint32)
         live_s = self._dwells_s[self._triggered - 1]

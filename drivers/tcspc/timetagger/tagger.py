@@ -212,6 +212,7 @@ class Tagger:
         self.set("setConditionalFilter", [detector.channel], [sync.channel])
         self.set("setDelaySoftware", sync.channel, -round(1 / (sync_hz * PS)))  # one before the filter opened it late
         self.set("sync")
+        self.overflowed()  # what was lost while every laser pulse was counted is of no point
 
     def overflowed(self) -> bool:
         """Whether tags were lost since this was last asked."""

@@ -12,7 +12,9 @@ from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
+from nlos.drivers.simulated.timetagger import measurements
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates
+from nlos.drivers.tcspc.timetagger import clocked
 from nlos.drivers.tcspc.timetagger.counter import TimeTagger
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
@@ -175,3 +177,48 @@ def test_a_point_whose_tags_were_lost_has_no_counts_and_no_live_time(mode: str) 
     assert lost == [False, False, True]  # from 108 to 112 ms: the rate takes 100, each point 4
     for each, gone in zip(seen, lost, strict=True):
         assert (each.live_time_s, each.total_count, each.counts.sum()) == ((0.0, 0, 0) if gone else (0.004, 80, 80))
+
+
+class Asked(measurements.TimeTagStream):
+    """Counts how often its buffer is emptied."""
+
+    times = 0
+
+    def getData(self) -> measurements.TagBuffer:
+        Asked.times += 1
+        return super().getData()
+
+
+def test_tags_are_fetched_while_a_point_lasts() -> None:
+    """The vendor's `TimeTagStream` drops what finds its buffer full, and says nothing."""
+    package, settings, bench = rig(mode="list")
+    package.TimeTagStream = Asked
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.configure(AXIS)
+    counter.arm(PointGates([0.2], [0]))
+    before = Asked.times
+    counter.trigger()
+    counter.wait_points(1, 1.0)
+    (seen,) = counter.read(0, 1)
+    counter.close()
+    assert Asked.times - before >= 20
+    assert (seen.total_count, seen.live_time_s) == (80, 0.2)
+
+
+def test_a_buffer_of_tags_that_was_full_makes_a_point_a_lost_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clocked, "_MOST_TAGS", 100)
+    package, settings, bench = rig(mode="list")
+    counter = TimeTagger.open(settings, bench.clock, package)
+    (seen,) = taken(counter, bench, 1)
+    counter.close()
+    assert (seen.flags, seen.live_time_s, seen.total_count) == (HistogramFlag.DATA_LOST, 0.0, 0)
+
+
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+def test_tags_lost_while_the_lasers_rate_was_measured_are_of_no_point(mode: str) -> None:
+    """Every pulse of a fast laser is counted then, more than a USB cable carries."""
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    bench.faults.add(Fault(name="T1"))
+    assert [(each.flags, each.total_count) for each in taken(counter, bench)] == [(HistogramFlag.NONE, 80)] * 3
+    counter.close()
