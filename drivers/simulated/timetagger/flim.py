@@ -46,26 +46,32 @@ class Flim(Measurement):
         self._left = np.concatenate((self._left[0], times)), np.concatenate((self._left[1], channels))
 
     def _sorted(self) -> "FrameInfo":
-        """Pixels whose end is past: what a delayed edge encloses is known then."""
+        """Edges that are past: what a delayed one encloses is known then. A pixel under way ends with whichever edge
+        comes next; of two at one time the order is open, and here the worse one."""
         self._pulled()
         told_ps = self._tagger.panel.told_ps() + self._tagger.panel.period_ps  # edges are told to a laser pulse
         times, channels = self._left
-        begins, ends = (np.sort(times[channels == each]) for each in (self._begin_at, self._end_at))
-        ends = ends[ends <= told_ps][: self._pixels - len(self._ends)]
+        told = times <= told_ps
+        begins, ends = (np.sort(times[told & (channels == each)]) for each in (self._begin_at, self._end_at))
         clicks, starts = np.sort(times[channels == self._click]), np.sort(times[channels == self._start])
-        for begin_ps, end_ps in zip(begins.tolist(), ends.tolist(), strict=False):
-            inside = clicks[np.searchsorted(clicks, begin_ps) : np.searchsorted(clicks, end_ps)]
-            first = starts[np.searchsorted(starts, inside, side="right") - 1]
-            bins = (inside - first) // self._width
-            self._frame[len(self._ends)] = np.bincount(bins[bins < self._bins], minlength=self._bins)
-            self._begins.append(begin_ps)
-            self._ends.append(end_ps)
-        if len(ends):
-            last = times > ends[-1] - self._tagger.panel.period_ps  # and the laser pulse of the next photon
-            edges = np.isin(channels, (self._begin_at, self._end_at))
-            left = np.where(edges, times > np.where(channels == self._end_at, ends[-1], begins[len(ends) - 1]), last)
-            self._left = times[left], channels[left]
+        edges = sorted([*((at, False) for at in begins.tolist()), *((at, True) for at in ends.tolist())])
+        for at_ps, is_end in edges:
+            if len(self._begins) > len(self._ends):
+                self._close(at_ps, clicks, starts)
+            if not is_end and len(self._begins) < self._pixels:
+                self._begins.append(at_ps)
+        since_ps = self._begins[-1] if len(self._begins) > len(self._ends) else told_ps
+        is_edge = np.isin(channels, (self._begin_at, self._end_at))
+        left = np.where(is_edge, ~told, times > since_ps - self._tagger.panel.period_ps)
+        self._left = times[left], channels[left]
         return FrameInfo(self._frame, np.array(self._begins), np.array(self._ends), len(self._ends))
+
+    def _close(self, end_ps: int, clicks: npt.NDArray[np.int64], starts: npt.NDArray[np.int64]) -> None:
+        inside = clicks[np.searchsorted(clicks, self._begins[-1]) : np.searchsorted(clicks, end_ps)]
+        first = starts[np.searchsorted(starts, inside, side="right") - 1]
+        bins = (inside - first) // self._width
+        self._frame[len(self._ends)] = np.bincount(bins[bins < self._bins], minlength=self._bins)
+        self._ends.append(end_ps)
 
     def getFramesAcquired(self) -> int:
         return int(self._sorted().getPixelPosition() == self._pixels)

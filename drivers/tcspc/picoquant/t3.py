@@ -179,7 +179,7 @@ class PicoquantT3(Picoquant):
         taken = []
         for point in range(first, first + count):
             lost = bool(points.lost[point]) or point >= points.complete
-            live_s = 0.0 if lost else self._dwells_s[point]
+            live_s = 0.0 if lost else self._dwells_s[point] * float(points.exposed[point])
             taken.append(
                 Histogram(
                     np.zeros_like(points.counts[point]) if lost else points.counts[point].copy(),

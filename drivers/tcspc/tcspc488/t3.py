@@ -129,7 +129,7 @@ class Tcspc488T3(Tcspc488):
         histograms = []
         for k in range(first, first + count):
             lost = bool(points.lost[k])
-            live_s = 0.0 if lost else self._dwells_s[k]
+            live_s = 0.0 if lost else self._dwells_s[k] * float(points.exposed[k])
             histograms.append(
                 Histogram(
                     np.zeros_like(points.counts[k]) if lost else points.counts[k].copy(),

@@ -5,7 +5,7 @@ not in the vendor's reference: watch it on an oscilloscope before the first scan
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger
 _STEP_MARKERS = 0b011
 _DISORDER_PS = 50_000_000
 _MOST_TAGS = 4_000_000
+_STEPS_EARLY_S, _MOST_OF_A_DWELL = 20e-6, 0.1
+"""By so much the next step may come before its time, and at most by so much of a dwell."""
 _TIME_TAG = 0
 _TAGS = T3Format("time tags", 0, 32, 1 << 31, 0, False)
 """Photons as bins, times in ps: what sorts T3 records sorts tags as well."""
@@ -32,6 +34,17 @@ class Period:
     sync_hz: float
     first: int
     bins: int
+
+
+class Point(NamedTuple):
+    """What was seen of a point."""
+
+    counts: npt.NDArray[Any]
+    """Over the laser period (bins,)."""
+    opened_s: float
+    """When its gate opened, by the instrument's own time."""
+    live_s: float
+    lost: bool
 
 
 class Clocked(Protocol):
@@ -58,8 +71,8 @@ class Clocked(Protocol):
         """How many points had tags lost."""
         ...
 
-    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
-        """Counts over the laser period (bins,), when its gate opened, and whether any of it was lost."""
+    def point(self, k: int) -> "Point":
+        """What was seen of point k, which is complete."""
         ...
 
     def end(self) -> None:
@@ -102,7 +115,8 @@ class Stepped:
 
 
 class ByFlim:
-    """The vendor's library sorts: a pixel begins `blanking` after a step marker and ends a dwell later."""
+    """The vendor's library sorts: a pixel begins `blanking` after a step marker and ends a dwell later, or, without
+    blanking, a little earlier than that: what begins before the last pixel's end has come would end with it."""
 
     def __init__(self, tagger: Tagger, stepped: Stepped) -> None:
         axis, period, gates, settings = stepped.axis, stepped.period, stepped.gates, stepped.settings
@@ -112,7 +126,8 @@ class ByFlim:
         step = tagger.measurement("Combiner", list(settings.markers[:2]))
         channel = tagger.call("getChannel", step.getChannel)
         begin = tagger.measurement("DelayedChannel", channel, round(blanking_s / PS))
-        end = tagger.measurement("DelayedChannel", channel, round((blanking_s + dwell_s) / PS))
+        closes_s = blanking_s + dwell_s - max(0.0, min(_STEPS_EARLY_S, dwell_s * _MOST_OF_A_DWELL) - blanking_s)
+        end = tagger.measurement("DelayedChannel", channel, round(closes_s / PS))
         self._channels = (step, begin, end)  # a virtual channel lives as long as somebody holds it
         self._bins = period.bins + (period.bins == points)  # so that the two axes of a frame can be told apart
         self._period_bins = period.bins
@@ -124,6 +139,7 @@ class ByFlim:
         self._complete = 0
         self._frame: npt.NDArray[Any] = np.zeros((points, self._bins), np.uint32)
         self._begins: npt.NDArray[Any] = np.zeros(0, np.int64)
+        self._ends = self._begins
         self._lost = False
 
     @property
@@ -149,7 +165,9 @@ class ByFlim:
         self._complete = self._points if whole else int(call("getPixelPosition", info.getPixelPosition))
         frame = self._tagger.read(info, "getHistograms")
         self._frame = frame if frame.shape == (self._points, self._bins) else frame.T
-        self._begins = self._tagger.read(info, "getPixelBegins")[: self.complete]
+        self._begins, self._ends = (
+            self._tagger.read(info, f"getPixel{edge}")[: self.complete] for edge in ("Begins", "Ends")
+        )
         return self.complete
 
     def steps(self) -> tuple[int, int]:
@@ -158,8 +176,9 @@ class ByFlim:
     def lost_points(self) -> int:
         return self.complete if self._lost else 0
 
-    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
-        return self._frame[k, : self._period_bins], int(self._begins[k]) * PS, self._lost
+    def point(self, k: int) -> Point:
+        begun_ps, counts = int(self._begins[k]), self._frame[k, : self._period_bins]
+        return Point(counts, begun_ps * PS, (int(self._ends[k]) - begun_ps) / 1e12, self._lost)
 
     def end(self) -> None:
         self._clock.run(False)
@@ -173,7 +192,7 @@ class ByTags:
         axis, period, gates, settings = stepped.axis, stepped.period, stepped.gates, stepped.settings
         self._tagger, self._settings, self._period = tagger, settings, period
         self._step_ps, self._width_ps = round(stepped.clock.period_s / PS), round(axis.bin_width_s / PS)
-        self._clock = stepped.clock
+        self._clock, self._dwell_s = stepped.clock, gates.dwells_s[0]
         channels = [settings.sync.channel, settings.detector.channel, *settings.markers]
         self._stream = tagger.measurement("TimeTagStream", _MOST_TAGS, channels)
         dwells = np.full(len(gates.dwells_s), round(gates.dwells_s[0] / PS), np.int64)
@@ -210,9 +229,9 @@ class ByTags:
     def lost_points(self) -> int:
         return int(self._histograms.lost.sum())
 
-    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
-        points = self._histograms
-        return points.counts[k], int(points.started[k]) * PS, bool(points.lost[k])
+    def point(self, k: int) -> Point:
+        points, live_s = self._histograms, self._dwell_s * float(self._histograms.exposed[k])
+        return Point(points.counts[k], int(points.started[k]) * PS, live_s, bool(points.lost[k]))
 
     def end(self) -> None:
         self._clock.run(False)

@@ -183,8 +183,9 @@ class TimeTagger(UnwatchedCounter):
                 self._clock.sleep(min(_WATCH_S, deadline_s - self._clock.now()))
             done = clocked.complete
             if self._zero_s is None and done:  # what its own time was when it was armed, to within a look and a step
-                _, opened_s, _ = clocked.point(done - 1)
-                self._zero_s = opened_s + self._dwells_s[done - 1] - (self._clock.now() - self._armed_s)
+                self._zero_s = (
+                    clocked.point(done - 1).opened_s + self._dwells_s[done - 1] - (self._clock.now() - self._armed_s)
+                )
             if done >= len(self._dwells_s) and self._running:
                 self._end()
                 self._check_sync()
@@ -257,9 +258,9 @@ class TimeTagger(UnwatchedCounter):
             raise CommandRejected(self._device, f"points {first} to {first + count - 1} are not complete.", "Wait.")
         taken = []
         for point in range(first, first + count):
-            counts, opened_s, lost = clocked.point(point)
-            flags = HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE
-            taken.append(self._made(counts, self._dwells_s[point], flags, opened_s - (self._zero_s or 0.0)))
+            seen = clocked.point(point)
+            flags = HistogramFlag.DATA_LOST if seen.lost else HistogramFlag.NONE
+            taken.append(self._made(seen.counts, seen.live_s, flags, seen.opened_s - (self._zero_s or 0.0)))
         return taken
 
     def _end(self) -> None:

@@ -82,3 +82,22 @@ def test_a_step_too_early_and_one_too_late_disagree_though_as_many_as_were_due()
     find(np.array([0, 0, 400, 600]), np.array([5, 2, 1, 2], dtype=np.uint8))
     seen, due = find.against(200)
     assert seen != due
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_step_that_comes_a_little_early_takes_that_much_of_its_point(at_once: bool) -> None:
+    """As half of them do where nothing is blanked: a controller polls its trigger, and pulses are counted whole."""
+    histograms = PointHistograms(4, 8, StepMarkers(np.full(4, 100), 0), disorder=0)
+    steps = {0: 1, 99: 2, 199: 1, 290: 2}
+    records = []
+    for pulse in (0, 50, 98, 99, 198, 199, 289, 290, 389):
+        records += [marker(pulse, steps[pulse])] if pulse in steps else []
+        records.append(photon(pulse, 3))
+    if at_once:
+        histograms.add(fed(T3Decoder(GENERIC), *records))
+        histograms.finish()
+    else:
+        by_one(histograms, records)
+    assert histograms.lost.tolist() == [False] * 4
+    assert histograms.exposed.tolist() == [0.99, 1.0, 0.91, 1.0]
+    assert histograms.totals.tolist() == [3, 2, 2, 2]

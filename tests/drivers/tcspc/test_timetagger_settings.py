@@ -17,17 +17,19 @@ BEGINS = ("startFor", "xtra_setAuxOut(1, True)")
 MODES = ["histogram", "list"]
 
 
-def stepped(bench: Any, counter: TimeTagger, points: int = 3, axis: HistogramAxis = AXIS) -> Any:
-    """Points stepped by the instrument's own clock, as a mirror controller's markers tell of them."""
+def stepped(
+    bench: Any, counter: TimeTagger, points: int = 3, axis: HistogramAxis = AXIS, late_s: Any = (0.0,), blanking_s=0.002
+) -> Any:
+    """Points stepped by the instrument's own clock, as a mirror controller's markers tell of them, each so late."""
     steps = [0]
 
     def step(when_s: float) -> None:
         steps[0] += 1
-        bench.edge(f"marker_{2 - steps[0] % 2}", when_s)
+        bench.edge(f"marker_{2 - steps[0] % 2}", when_s + late_s[steps[0] % len(late_s)])
 
     bench.wire("pixel_clock", step)
     counter.configure(axis)
-    counter.arm(PointGates([0.02] * points, list(range(points)), Trigger.CLOCK, 0.002))
+    counter.arm(PointGates([0.02] * points, list(range(points)), Trigger.CLOCK, blanking_s))
     status = counter.wait_points(points, 2.0)
     return status, counter.read(0, points), steps
 
@@ -212,3 +214,18 @@ def test_armed_anew_in_the_middle_of_a_sequence_its_clock_stands_still(mode: str
     assert steps[0] == given_up_with
     assert [each.live_time_s for each in seen] == [0.004] * 3
     counter.close()
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("late_s", [(0.0,), (8e-6, 0.0), (1e-7, 3e-6, 0.0, 9e-6)])
+def test_points_without_blanking_keep_their_photons_whenever_steps_come(mode: str, late_s: tuple[float, ...]) -> None:
+    """A mirror controller polls its trigger input: one step of two is early against the one before."""
+    package, settings, bench = rig(mode=mode, pixel_clock=1)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    status, seen, _ = stepped(bench, counter, 12, late_s=late_s, blanking_s=0.0)
+    counter.close()
+    assert (status.markers, status.steps_due, status.lost) == (12, 12, 0)
+    assert [each.flags for each in seen] == [HistogramFlag.NONE] * 12
+    for each in seen:
+        assert 0.998 * 0.02 <= each.live_time_s <= 0.02
+        assert each.total_count > 200
