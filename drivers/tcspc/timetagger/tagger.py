@@ -72,13 +72,16 @@ class Tagger:
         self.instrument = self.call("createTimeTagger", package.createTimeTagger, chosen)
 
     def call(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What the function returns. Raises `DeviceLost` or `DeviceFault` with the vendor's words."""
+        """What the function returns. Raises `DeviceLost` or `DeviceFault` with the vendor's words, and `WrongDevice`
+        where it takes other arguments: AUX OUT once took a divider where it takes a frequency."""
         with self._lock:
             if self._log:
                 shown = tuple(each for each in arguments if isinstance(each, int | float | str | list))
                 self._log(self.device, ">", f"{name}{shown}".encode())
             try:
                 return function(*arguments)
+            except TypeError as error:
+                raise self._other_version(f"takes other arguments for {name} ({error})") from error
             except (RuntimeError, ValueError, OSError) as error:
                 kind = DeviceLost if "connect" in str(error).lower() else DeviceFault
                 raise kind(
@@ -104,12 +107,15 @@ class Tagger:
     def _named(self, source: Any, name: str) -> Any:
         found = getattr(source, name, None)
         if found is None:
-            raise WrongDevice(
-                self.device,
-                f"the vendor's package has no {name}: it is of a version that this adapter was not written for.",
-                "pip install --upgrade Swabian-TimeTagger.",
-            )
+            raise self._other_version(f"has no {name}")
         return found
+
+    def _other_version(self, how: str) -> WrongDevice:
+        return WrongDevice(
+            self.device,
+            f"the vendor's package {how}: it is of a version that this adapter was not written for.",
+            "pip install --upgrade Swabian-TimeTagger.",
+        )
 
     def set_level(self, channel: int, level_mv: int) -> None:
         """Raises `LimitError` where it took another: the vendor's package moves a level beyond the model's range to its

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nlos.drivers.errors import DeviceFault, LimitError, SyncLost
+from nlos.drivers.errors import DeviceFault, LimitError, SyncLost, WrongDevice
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.timetagger import measurements
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, Trigger
 from nlos.drivers.tcspc.timetagger import clocked
 from nlos.drivers.tcspc.timetagger.counter import TimeTagger
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
@@ -120,6 +120,21 @@ def test_a_model_without_aux_out_says_so_as_it_is_opened() -> None:
 
     with pytest.raises(DeviceFault, match="only supported on the Time Tagger X"):
         TimeTagger.open(settings, bench.clock, Replaced(package, xtra_setAuxOut=without))
+
+
+def test_a_package_whose_aux_out_takes_a_divider_is_called_another_version() -> None:
+    """As older packages have it: `xtra_setAuxOutSignal(channel, divider)`."""
+    package, settings, bench = rig(pixel_clock=1)
+
+    def divided(channel: int, divider: int) -> None:
+        if not isinstance(divider, int):
+            raise TypeError("in method 'TimeTagger_xtra_setAuxOutSignal', argument 3 of type 'int'")
+
+    counter = TimeTagger.open(settings, bench.clock, Replaced(package, xtra_setAuxOutSignal=divided))
+    counter.configure(AXIS)
+    with pytest.raises(WrongDevice, match=r"other arguments for xtra_setAuxOutSignal .*argument 3 of type 'int'"):
+        counter.arm(PointGates([0.02] * 3, [0, 1, 2], Trigger.CLOCK, 0.002))
+    counter.close()
 
 
 def taken(counter: TimeTagger, bench: SimulatedBench, points: int = 3) -> list[Histogram]:
