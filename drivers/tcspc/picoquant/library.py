@@ -180,8 +180,8 @@ def open_instrument(library: VendorLibrary, serial: str) -> str:
     for index in range(_INSTRUMENTS):
         buffer = ctypes.create_string_buffer(_TEXT_BYTES)
         code = library.attempt("OpenDevice", index, buffer)
-        found = buffer.value.decode("ascii", "replace")
         if code == 0:
+            found = _named(library, index, buffer)
             answering[index] = found
             if found == serial:
                 break
@@ -205,6 +205,15 @@ def open_instrument(library: VendorLibrary, serial: str) -> str:
         f"no {wanted} answers{f' (there is {others})' if others else ''}.",
         "Check cable, power and `serial` in the bench file.",
     )
+
+
+def _named(library: VendorLibrary, index: int, buffer: Any) -> str:
+    """Its serial number. Where opening told none, as labs have met it, an initialised instrument tells it."""
+    if not buffer.value:
+        internal_clock = () if library.family.prefix == "PH" else (0,)
+        if library.attempt("Initialize", index, 0, *internal_clock) == 0:
+            library.attempt("GetSerialNumber", index, buffer)
+    return str(buffer.value.decode("ascii", "replace"))
 
 
 def check_alive(library: VendorLibrary, flags: int, what: str) -> None:
