@@ -43,6 +43,8 @@ class Optotune:
         self._controller = controller
         self._identity = name
         self._target = MirrorAngles(0.0, 0.0)
+        self._looked_deg = [settings.max_error_deg, settings.max_error_deg]
+        """How far out (mechanical) each axis has been compared with what the mirror's sensor sees."""
         self._place = Whereabouts(DEVICE, REOPEN)
 
     @classmethod
@@ -107,15 +109,23 @@ class Optotune:
 
     def wait_settled(self) -> None:
         """Polls the status until it says stable twice in a row, `stable_ms` apart, then compares positions where
-        `readback` asks for it.
+        `readback` asks for it, and wherever an axis is twice as far out as it was ever compared: other programs leave a
+        gain for the input, and the centre is where it is with any.
 
         Raises `SettleTimeout`, and `DeviceFault` for any fault bit, present or latched. The mirror is not moved again.
         """
         self._place.check_known()
         with self._place.motion():
             self._wait_stable()
-            if self._settings.readback:
+            if self._is_far_out() or self._settings.readback:
                 self.measured()
+
+    def _is_far_out(self) -> bool:
+        out_deg = [math.degrees(abs(each)) / 2.0 for each in (self._target.x_rad, self._target.y_rad)]
+        far_out = any(out > 2 * looked for out, looked in zip(out_deg, self._looked_deg, strict=True))
+        if far_out:
+            self._looked_deg = [max(pair) for pair in zip(out_deg, self._looked_deg, strict=True)]
+        return far_out
 
     def move_to(self, angles: MirrorAngles) -> None:
         self.begin_move(angles)

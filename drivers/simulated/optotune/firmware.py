@@ -26,7 +26,8 @@ _DATA = {
 
 
 class OptotuneFirmware:
-    """Controller and mirror; `settle_scale`: real settling over the model's."""
+    """Controller and mirror; `settle_scale`: real settling over the model's; `gains`: of its input conditioning, as
+    another program left them for x and y."""
 
     def __init__(
         self,
@@ -36,11 +37,12 @@ class OptotuneFirmware:
         settle_scale: float = 0.9,
         left_in_pro_mode: bool = False,
         model: bytes = b"MR-E-3",
+        gains: tuple[float, float] = (1.0, 1.0),
     ) -> None:
         self._bench = bench
         self._settle = settle or OptotuneSettings(model="optotune", port="").settle
         self._settle_scale = settle_scale
-        self._model = model
+        self._model, self._gains = model, gains
         self._power_up()
         self._pro = left_in_pro_mode
 
@@ -155,8 +157,8 @@ class OptotuneFirmware:
 
     def _steer(self) -> None:
         now_s = self._bench.clock.now()
-        y_rad = math.atan(self._y * _UNIT)
-        target = MirrorAngles(math.atan2(self._x * _UNIT, math.hypot(1.0, self._y * _UNIT)), y_rad)
+        x, y = self._x * self._gains[0] * _UNIT, self._y * self._gains[1] * _UNIT
+        target = MirrorAngles(math.atan2(x, math.hypot(1.0, y)), math.atan(y))
         settle_s = self._settle_scale * self._settle.settle_s(self._bench.beam, target)
         self._stable_at_s = now_s + settle_s
         self._bench.steer(target, now_s, settle_s)
@@ -205,6 +207,6 @@ class OptotuneFirmware:
             0x5001: 0.0,
             0x5002: self._x,
             0x5102: self._y,
-            x_register: self._x + self._off,
-            y_register: self._y + self._off,
+            x_register: self._x * self._gains[0] + self._off,
+            y_register: self._y * self._gains[1] + self._off,
         }
