@@ -14,7 +14,7 @@ from nlos.acquisition.scanning.clocked import Sequencer, Stepping, next_sequence
 from nlos.drivers.bench import Bench
 from nlos.drivers.device_settings import Cable
 from nlos.drivers.galvo.block import MirrorBlock
-from nlos.drivers.galvo.mirror import ManyAtOnce, MirrorAngles, axes_rad, surely_reached
+from nlos.drivers.galvo.mirror import LooksAgain, ManyAtOnce, MirrorAngles, axes_rad, surely_reached
 
 SCAN_QUESTIONS = 6
 """Exchanges with the counter that set up a scan, alarms included, and end it."""
@@ -119,19 +119,24 @@ def certain_share(plan: ScanPlan) -> float:
 
 
 def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
-    """Settling time of every move, the first one from the centre, shape (N,): until the host knows of it."""
+    """Settling time of every move, the first one from the centre, shape (N,): until the host knows of it, and has
+    compared places where it does."""
     stops = [MirrorAngles(0.0, 0.0), *angles]
     if isinstance(bench.mirror, ManyAtOnce):
         settled_s = bench.mirror.settles_s(*axes_rad(stops))
     else:
         settled_s = np.array([bench.mirror.settle_s(start, end) for start, end in pairwise(stops)])
+    if isinstance(bench.mirror, LooksAgain):
+        looks_s = bench.mirror.looks_s(*axes_rad(angles))
+    else:
+        looks_s = np.zeros(len(angles))
     pause_s = bench.settings.mirror.polled_every_s
     if pause_s is None:
-        return settled_s
+        return settled_s + looks_s
     look_s, _ = exchanges_s(bench)
     stable_s = bench.settings.mirror.stable_s
     in_vain = np.maximum(np.ceil((settled_s - stable_s - look_s - pause_s / 2) / (look_s + pause_s)), 0.0)
-    return np.asarray((in_vain + 2) * look_s + in_vain * pause_s + max(pause_s, stable_s))
+    return np.asarray((in_vain + 2) * look_s + in_vain * pause_s + max(pause_s, stable_s) + looks_s)
 
 
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:

@@ -103,6 +103,15 @@ class ManyAtOnce(Protocol):
 
 
 @runtime_checkable
+class LooksAgain(Protocol):
+    """A mirror that compares some of its places with what its own sensor sees. Others cannot."""
+
+    def looks_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """How long it takes for that at each of these places, taken in turn from now on, beside settling, (N,)."""
+        ...
+
+
+@runtime_checkable
 class KeepsSettings(Protocol):
     """A mirror whose controller holds settings that a power cut takes, by which its positions mean other angles then,
     and that may say nothing of it. Others move as they are told whatever was before, or say that they cannot."""

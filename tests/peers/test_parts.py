@@ -15,13 +15,14 @@ PACKAGES = {
     "phconvert": "phconvert",
     "Swabian-TimeTagger": "Swabian.TimeTagger",
     "mitransient": "mitsuba",  # itself it asks for a variant of that first
+    "qmi": "qmi",
 }
 
 
 def test_the_page_names_the_parts() -> None:
     assert set(CHECKOUTS) == {
         "TriggerScopeMM", "tinyusb", "helios_dac", "coPylot", "MH150-Demos", "HH400-v3.x-Demos", "PH300-v3.x-Demos",
-        "pyglotaran", "libpicoquant",
+        "pyglotaran", "libpicoquant", "mmCoreAndDevices",
     }  # fmt: skip
     installed = re.search(r"pip install (.+)$", PAGE, re.MULTILINE)
     assert installed is not None

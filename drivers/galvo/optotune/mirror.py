@@ -43,8 +43,9 @@ class Optotune:
         self._controller = controller
         self._identity = name
         self._target = MirrorAngles(0.0, 0.0)
-        self._looked_deg = [settings.max_error_deg, settings.max_error_deg]
+        self._looked_deg = np.full(2, settings.max_error_deg)
         """How far out (mechanical) each axis has been compared with what the mirror's sensor sees."""
+        self._look_s = 0.0
         self._place = Whereabouts(DEVICE, REOPEN)
 
     @classmethod
@@ -95,6 +96,10 @@ class Optotune:
         moves = (np.diff(x_rad) != 0) | (np.diff(y_rad) != 0)
         return np.where(moves, self._settings.settle.settles_s(x_rad, y_rad) + self._settings.stable_s, 0.0)
 
+    def looks_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """What it took at the centre, wherever positions will be compared."""
+        return np.where(self._looks(x_rad, y_rad), self._look_s, 0.0)
+
     def begin_move(self, angles: MirrorAngles) -> None:
         """Sends both coordinates in one command."""
         x, y = self._coordinates(angles)
@@ -117,15 +122,20 @@ class Optotune:
         self._place.check_known()
         with self._place.motion():
             self._wait_stable()
-            if self._is_far_out() or self._settings.readback:
+            x_rad, y_rad = (np.array([each]) for each in (self._target.x_rad, self._target.y_rad))
+            if self._looks(x_rad, y_rad)[0]:
+                self._looked_deg = np.maximum(self._looked_deg, _out_deg(x_rad, y_rad)[:, 0])
                 self.measured()
 
-    def _is_far_out(self) -> bool:
-        out_deg = [math.degrees(abs(each)) / 2.0 for each in (self._target.x_rad, self._target.y_rad)]
-        far_out = any(out > 2 * looked for out, looked in zip(out_deg, self._looked_deg, strict=True))
-        if far_out:
-            self._looked_deg = [max(pair) for pair in zip(out_deg, self._looked_deg, strict=True)]
-        return far_out
+    def _looks(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """At which of these places (n,), taken in turn, positions are compared."""
+        looks = np.full(len(x_rad), self._settings.readback)
+        out_deg, looked_deg, at = _out_deg(x_rad, y_rad), self._looked_deg, 0
+        while (far_out := (out_deg[:, at:] > 2 * looked_deg[:, None]).any(axis=0)).any():
+            at += int(far_out.argmax())
+            looks[at] = True
+            looked_deg, at = np.maximum(looked_deg, out_deg[:, at]), at + 1
+        return looks
 
     def move_to(self, angles: MirrorAngles) -> None:
         self.begin_move(angles)
@@ -194,7 +204,9 @@ class Optotune:
             self.warnings.append(str(self._place.lost_by))
             return
         self._park()
+        began_s = self._clock.now()
         self.measured()
+        self._look_s = self._clock.now() - began_s
 
     def _park(self) -> None:
         with self._place.motion():
@@ -246,6 +258,11 @@ class Optotune:
             return f"It is at {_shown(wire.angles_at(*self._controller.measured_position()))}."
         except DeviceError as error:
             return f"Where, it does not say ({error.what})."
+
+
+def _out_deg(x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """How far each axis is turned (mechanical), (2, n)."""
+    return np.degrees(np.abs(np.stack((x_rad, y_rad)))) / 2.0
 
 
 def _fault(faults: Status) -> DeviceFault:
