@@ -15,6 +15,7 @@ from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.cli.escaped import escaped
 from nlos.live.admission import admitted, page_answer
 from nlos.live.web import Answer, Refused, Request
 from nlos.runs.index import Run, RunsIndex
@@ -69,11 +70,11 @@ def body(folder: Path) -> str:
             index.update()
             latest, every = index.search(limit=LATEST), index.count()
     except StorageError as error:
-        return f"<h1>{escape(folder.name)}</h1><p>{escape(str(error))}</p>"
+        return escaped(f"<h1>{escape(folder.name)}</h1><p>{escape(str(error))}</p>")
     now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
-    growing = [run for run in latest if run.status == "running" and is_locked(folder / run.path)]
+    growing = [run for run in latest if run.status == "running" and is_locked(run.file(folder))]
     cards = "".join(card(folder, run) for run in latest)
-    return (
+    return escaped(
         f'<h1>{escape(folder.resolve().name)} <span class="when">{now}</span></h1>{_under_way(growing)}'
         f"{_series(folder)}<section><h2>The latest of {every} runs</h2><main>{cards}</main></section>"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.provenance import software_versions
+from nlos.cli.escaped import escaped
 from nlos.doctor.advice import in_order
 from nlos.doctor.chart import drawn
 from nlos.doctor.findings import Finding
@@ -99,4 +100,4 @@ def write_page(
         f"<pre>{escape(table.text)}</pre></details></body></html>"
     )
     with whole_file(target) as partial:
-        partial.write_text(page, encoding="utf-8")
+        partial.write_text(escaped(page), encoding="utf-8")

@@ -3,6 +3,7 @@
 SQLite's pages have none, so each row has one; what is kept once, without an index beside it, cannot contradict itself.
 """
 
+import re
 import sqlite3
 import zlib
 from collections.abc import Iterable, Sequence
@@ -70,6 +71,14 @@ def _with_tables(base: sqlite3.Connection) -> sqlite3.Connection:
 def storable(text: str) -> str:
     """As SQLite keeps it: what is no UTF-8 - in a file's name, in a note - stands as `\\udcff`."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def stored_path(folder: Path, path: str) -> Path:
+    """The file below `folder` whose `storable` name is `path`."""
+    literal = folder / path
+    if literal.exists():  # a backslash of the name's own
+        return literal
+    return folder / re.sub(r"\\u(dc[89a-f][0-9a-f])", lambda found: chr(int(found[1], 16)), path)
 
 
 def stamps(base: sqlite3.Connection) -> dict[str, Stamp]:

@@ -30,6 +30,7 @@ from nlos.runs.database import (
     opened,
     stamps,
     storable,
+    stored_path,
 )
 from nlos.runs.query import OTHER, UNREADABLE, condition, local_time
 
@@ -47,13 +48,18 @@ class Changes:
 
 @dataclass(frozen=True)
 class Run:
-    """One recording of a list. `path` is relative to the folder; `summary` as `summarise` gives it."""
+    """One recording of a list. `path` is relative to the folder, bytes that are no text as `\\udcff`; `summary` as
+    `summarise` gives it."""
 
     path: str
     started: str
     """Local time, to the second; empty where the file does not say."""
     status: str
     summary: dict[str, Any]
+
+    def file(self, folder: Path) -> Path:
+        """The recording itself, below the folder of the list."""
+        return stored_path(folder, self.path)
 
 
 class RunsIndex:
@@ -62,7 +68,7 @@ class RunsIndex:
 
     def __init__(self, folder: Path, place: Path | None = None) -> None:
         self.folder = folder.resolve()
-        name = hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
+        name = hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
         self.place = place or state_folder() / "runs" / f"{name}.sqlite"
         self.not_kept: StorageError | None = None
         try:

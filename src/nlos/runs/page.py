@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from nlos.cli.escaped import escaped
 from nlos.runs.grey_png import grey_png
 from nlos.runs.index import Run
 from nlos.whole_file import whole_file
@@ -28,7 +29,7 @@ def page(folder: Path, runs: Sequence[Run], words: str, from_folder: Path | None
     style = (files("nlos.runs") / "page.css").read_text(encoding="utf-8")
     title = f"{len(runs)} runs in {folder.resolve().name}" + (f": {words}" if words else "")
     cards = "".join(card(folder, run, from_folder) for run in runs)
-    return (
+    return escaped(
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{escape(title)}</title><style>{style}</style></head>'
         f"<body><h1>{escape(title)}</h1><main>{cards}</main></body></html>"
@@ -40,8 +41,8 @@ def card(folder: Path, run: Run, from_folder: Path | None = None) -> str:
     said = run.summary
     name = escape(Path(run.path).name)
     if from_folder is not None:
-        shown = os.path.relpath(folder.resolve() / run.path, from_folder)
-        name = f'<a href="{quote(shown)}">{name}</a>'
+        shown = Path(os.path.relpath(run.file(folder.resolve()), from_folder))
+        name = f'<a href="{quote(os.fsencode(shown.as_posix()))}">{name}</a>'
     tags = "".join(f"<li>{escape(tag)}</li>" for tag in said.get("tags", []))
     return (
         f'<article class="{escape(run.status.replace(" ", "-"))}">{_picture(folder, run)}<div>'
@@ -68,7 +69,7 @@ def _measured(said: dict[str, Any]) -> str:
 
 def _picture(folder: Path, run: Run) -> str:
     """The reconstruction beside the recording, else the rates over the wall."""
-    picture = (folder / run.path).with_suffix("") / "albedo.png"
+    picture = run.file(folder).with_suffix("") / "albedo.png"
     try:
         if picture.is_file() and picture.stat().st_size <= _LARGEST_PICTURE:
             return _image(picture.read_bytes(), f"reconstruction of {run.path}")
