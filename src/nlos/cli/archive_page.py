@@ -7,9 +7,13 @@ from urllib.parse import quote
 from nlos.cli.escaped import escaped
 
 STYLE = (
-    "body{font:15px system-ui;margin:2em;background:#111;color:#ddd}main{display:flex;flex-wrap:wrap;gap:1em}"
-    "figure{margin:0;width:220px}img{width:100%;background:#000}a{color:inherit}td{padding:.2em 1em .2em 0;"
-    "vertical-align:top}small{color:#999}.partial img{outline:3px solid #e6a817}.partial b{color:#e6a817}"
+    ":root{color-scheme:light;--back:#fff;--text:#16181d;--dim:#596068;--doubt:#9a5b00}"
+    "@media screen and (prefers-color-scheme:dark){:root{color-scheme:dark;--back:#111;--text:#ddd;--dim:#999;"
+    "--doubt:#e6a817}}body{font:15px system-ui;margin:2em;background:var(--back);color:var(--text)}"
+    "main{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0;width:220px;overflow-wrap:anywhere;break-inside:avoid}"
+    "img{width:100%;background:#000}a{color:inherit}td,th{padding:.2em 1em .2em 0;vertical-align:top;text-align:left;"
+    "overflow-wrap:anywhere}td:first-child{min-width:7em}small{color:var(--dim)}"
+    ".partial img{outline:3px solid var(--doubt)}.partial b{color:var(--doubt)}"
 )
 
 
@@ -20,7 +24,9 @@ def page(rows: list[dict[str, Any]]) -> str:
     partial = sum(row["outcome"] == "partial" for row in shown)
     title = f"{len(shown)} of {len(rows)} files" + (f", {partial} of them partial" if partial else "")
     reasons = "".join(f"<tr><td>{_said(row['file'])}<td>{_said(row['reason'])}" for row in missing)
-    table = f"<h2>Without a result</h2><table>{reasons}</table>" if missing else ""
+    table = (
+        f"<h2>Without a result</h2><table><tr><th scope=col>File<th scope=col>Why{reasons}</table>" if missing else ""
+    )
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{len(shown)} reconstructions</title>"

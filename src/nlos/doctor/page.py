@@ -19,17 +19,18 @@ if TYPE_CHECKING:
     from nlos.drivers.bench_settings import BenchSettings
 
 _STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --paper: #ffffff; --rule: #d0d7de; --faint: #59636e;
+:root { color-scheme: light; --ink: #1b1f24; --paper: #ffffff; --rule: #d0d7de; --faint: #59636e;
   --pass: #1a7f37; --warn: #8a5a00; --fail: #c4232f; --curve: #0a58ca; --block: #f6f8fa }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6edf3; --paper: #0f1318; --rule: #353c45; --faint: #9aa4af;
-  --pass: #4ac26b; --warn: #e0a93b; --fail: #ff7b72; --curve: #79b8ff; --block: #191f26 } }
+@media screen and (prefers-color-scheme: dark) { :root { color-scheme: dark; --ink: #e6edf3; --paper: #0f1318;
+  --rule: #353c45; --faint: #9aa4af; --pass: #4ac26b; --warn: #e0a93b; --fail: #ff7b72; --curve: #79b8ff;
+  --block: #191f26 } }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: var(--ink);
   background: var(--paper) }
-h1 { font-size: 1.6rem; margin-bottom: .2rem } h2 { font-size: 1.2rem; margin-top: 2.2rem }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; overflow-wrap: anywhere } h2 { font-size: 1.2rem; margin-top: 2.2rem }
 p.when { margin-top: 0; color: var(--faint) }
 table { border-collapse: collapse; width: 100%; font-size: .92rem }
 td, th { text-align: left; vertical-align: top; padding: .35rem .9rem .35rem 0; border-bottom: 1px solid var(--rule) }
-th { font-weight: 600; white-space: nowrap } td { overflow-wrap: anywhere } td.what { white-space: nowrap }
+th { font-weight: 600; white-space: nowrap } td:last-child { overflow-wrap: anywhere } td.what { white-space: nowrap }
 td small { display: block; color: var(--faint); font-size: .88rem }
 .PASS, .WARN, .FAIL, .SKIP { font-weight: 600; font-variant-numeric: tabular-nums; white-space: nowrap }
 .PASS { color: var(--pass) } .WARN { color: var(--warn) } .FAIL { color: var(--fail) } .SKIP { color: var(--faint) }
@@ -39,7 +40,8 @@ svg { width: 100%; height: auto } svg text { fill: var(--faint); font: 11px syst
 svg .grid { stroke: var(--rule); stroke-width: .5 } svg .limit { stroke: var(--faint); stroke-dasharray: 4 3 }
 svg .curve { fill: none; stroke: var(--curve); stroke-width: 1.4; stroke-linejoin: round }
 pre { background: var(--block); padding: .8rem; overflow: auto; font-size: .85rem } summary { cursor: pointer }
-@media (max-width: 30rem) { td.what { white-space: normal } .curves { grid-template-columns: 1fr } }
+@media (max-width: 30rem) { td.what, th { white-space: normal } td, th { padding-right: .4rem; font-size: .8rem }
+  .curves { grid-template-columns: 1fr } }
 """
 
 

@@ -29,6 +29,9 @@ from nlos.whole_file import whole_file
 if TYPE_CHECKING:
     from nlos.recon.volume import Reconstruction
 
+_WITHOUT_SCRIPT = "<noscript><style>.still { display: block } iframe { display: none }</style></noscript>"
+"""As on paper: nothing turns there, and a box would be empty."""
+
 
 def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> None:
     """Writes the report on `runs` to `target`, pictures by the first of `methods` foremost: of a scan that has no
@@ -44,7 +47,7 @@ def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> 
     style = (files("nlos.report") / "style.css").read_text(encoding="utf-8")
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        f'content="width=device-width"><title>{escape(name)}</title><style>{style}</style></head><body>'
+        f'content="width=device-width"><title>{escape(name)}</title><style>{style}</style>{_WITHOUT_SCRIPT}</head><body>'
         f"{_side_by_side(pictures) if len(runs) > 1 else ''}{''.join(sections)}</body></html>"
     )
     with whole_file(target) as partial:

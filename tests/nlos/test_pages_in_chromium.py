@@ -1,0 +1,119 @@
+"""The pages that are files - reports, runs, archives, examinations - on a narrow screen, on paper, without a script."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nlos.__main__ import run
+from nlos.acquisition.recording.recording import Status
+from nlos.cli.archive_page import page as archive_page
+from nlos.cli.benches import load_bench
+from nlos.doctor.findings import passed
+from nlos.doctor.page import write_page as write_examination
+from nlos.drivers.identity import DeviceIdentity
+from nlos.runs.index import RunsIndex
+from nlos.runs.page import write_page as write_runs
+from tests.nlos.test_status_page import growing
+
+playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}
+pattern: serpentine
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+LONG = "a-name-without-any-room-" * 4
+LUMA = """name => { const [r, g, b] = getComputedStyle(document.body)[name].match(/[\\d.]+/g).map(Number);
+  return (.299 * r + .587 * g + .114 * b) / 255; }"""
+BROKEN = """() => [...document.querySelectorAll("td:not(:last-child), th")].filter(cell => { // words on two lines
+  const range = document.createRange(); return [...cell.textContent.matchAll(/\\S+/g)].some(word => {
+    if (word[0].length > 40) return false;
+    range.setStart(cell.firstChild, word.index); range.setEnd(cell.firstChild, word.index + word[0].length);
+    return range.getClientRects().length > 1; }); }).map(cell => cell.textContent)"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+def an_archive(folder: Path) -> Path:
+    done = {"file": "a.h5", "folder": "a", "outcome": "partial", "reason": LONG, "seconds": 1.0, "method": "lct"}
+    missing = {"file": f"{LONG}.h5", "outcome": "failed", "reason": f"{LONG}.h5: of no format that is read here"}
+    (folder / "index.html").write_text(archive_page([done, missing]), encoding="utf-8")
+    return folder / "index.html"
+
+
+def runs(folder: Path) -> Path:
+    growing(folder / f"{LONG}.h5", 30).finish(Status.COMPLETE)
+    with RunsIndex(folder, folder / "index.sqlite") as index:
+        index.update()
+        write_runs(folder / "runs.html", folder, index.search(), "")
+    return folder / "runs.html"
+
+
+def an_examination(folder: Path) -> Path:
+    met = {
+        role: DeviceIdentity("triggerscope", "ARC", "TriggerScope 16 R4 Board 4B", "not told", "v.620-MM")
+        for role in ("mirror", "counter")
+    }
+    findings = [passed("reconstruction", f"lct in 0.02 s of {LONG}")]
+    write_examination(folder / "day.html", load_bench(None), findings, met, True)
+    return folder / "day.html"
+
+
+@pytest.mark.parametrize("made", [an_archive, runs, an_examination])
+def test_a_page_fits_a_telephone_and_is_printed_dark_on_white(
+    made: Callable[[Path], Path], browser: Any, tmp_path: Path
+) -> None:
+    page = browser.new_page(viewport={"width": 320, "height": 640}, color_scheme="dark")
+    page.goto(made(tmp_path).as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= 320
+    assert page.evaluate(BROKEN) == []
+    assert page.evaluate(LUMA, "color") > 0.8
+    page.emulate_media(media="print")
+    assert page.evaluate(LUMA, "color") < 0.2
+    page.emulate_media(media="screen", color_scheme="light")
+    assert page.evaluate(LUMA, "color") < 0.2
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    (folder / "scan.yaml").write_text(SCAN)
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        assert run(["scan", "scan.yaml", "-o", "run.h5"]) == 0
+        assert run(["report", "run.h5", "-o", "run.html", "--methods", "lct"]) == 0
+    return folder / "run.html"
+
+
+def test_a_report_breaks_no_word_and_leaves_its_figures_room_on_paper(report: Path, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 680, "height": 900})
+    page.goto(report.as_uri())
+    assert page.evaluate(BROKEN) == []
+    page.emulate_media(media="print")
+    narrowest = page.evaluate(
+        "Math.min(...[...document.querySelectorAll('th + td')].map(c => c.offsetWidth / c.parentNode.offsetWidth))"
+    )
+    assert narrowest > 0.4
+    page.close()
+
+
+def test_a_report_shows_its_points_in_space_without_a_script(report: Path, browser: Any) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(report.as_uri())
+    assert page.locator(".still img").is_visible()
+    assert page.locator("iframe").is_hidden()
+    context.close()
