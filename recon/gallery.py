@@ -12,12 +12,15 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nlos.recon.errors import InvalidData
-from nlos.recon.pictures import BACKGROUND
+from nlos.recon.pictures import BACKGROUND, OUTLINED
+from nlos.recon.pixel_marks import hatch, outline
 from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.volume import Reconstruction
 
 MM_PER_INCH = 25.4
 MOST_COLUMNS = 6
+HATCHED = ((-np.inf, -0.6, "white"), (-0.6, -0.1, "0.25"))
+"""Differences from and below this part of the scale's end, and the colour that is seen on theirs."""
 
 
 def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: float = 178.0) -> Figure:
@@ -46,6 +49,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
             ink = depth_opacity(made)[..., None]
             colour = colours(scale(np.nan_to_num(visible_depth(made))))[..., :3]
             below.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=(-x, x, -y, y))
+            outline(below, ink[..., 0] >= OUTLINED, (-x, x, -y, y))
             above.set_title(title, fontsize=7, parse_math=False)
             for panel in (above, below):
                 panel.set_axis_on()
@@ -90,7 +94,11 @@ def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[
     for panel, (values, reach, label) in zip(figure.subplots(1, 2), drawn, strict=True):
         panel.set_facecolor(str(BACKGROUND))
         image = panel.imshow(values, cmap="RdBu_r", vmin=-reach, vmax=reach, extent=(-x, x, -y, y))
-        figure.colorbar(image, ax=panel, label=label, shrink=0.85, extend="both")
+        bar = figure.colorbar(image, ax=panel, label=f"{label}, hatched: below zero", shrink=0.85, extend="both")
+        for low, high, ink in HATCHED:  # to who sees no colours, both ends are as dark
+            hatch(panel, (values < high * reach) & (values >= low * reach), (-x, x, -y, y), ink)
+            bar.ax.fill_between([0, 1], max(low, -1) * reach, high * reach, facecolor="none", edgecolor=ink,
+                                hatch="///", linewidth=0)  # fmt: skip
         panel.set(xlabel="x (m)", ylabel="y (m)")
         panel.set_title(f"{titles[0]} less {titles[1]}", parse_math=False)
     return figure

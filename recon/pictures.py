@@ -13,6 +13,7 @@ from matplotlib.patheffects import withStroke
 
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
+from nlos.recon.pixel_marks import hatch, outline
 from nlos.recon.png import write_png
 from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.small_print import below, small_print
@@ -20,6 +21,9 @@ from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
+OUTLINED = 0.5
+"""A line goes around depths of at least so much of their colour: without colours the near end is as light as the
+background, and what is pale would seem near."""
 NOTHING = "This picture explains nothing of the light"
 UNSEEN = "Nothing is seen in this picture"
 MISPLACED = "Wall, time zero or order of points in doubt"
@@ -58,6 +62,7 @@ def draw_depth(
     ink = depth_opacity(reconstruction)[..., None]
     colour = colours(scale(np.nan_to_num(shown, nan=low)))[..., :3]
     axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
+    outline(axes, ink[..., 0] >= OUTLINED, extent(reconstruction))
     ends = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     seen = shown[np.isfinite(shown)]
     beyond = ends[bool((seen < low).any()), bool((seen > high).any())]
@@ -124,16 +129,7 @@ def _hatched(axes: Axes, reconstruction: Reconstruction) -> bool:
     if sure is None:
         return False
     doubtful = (sure.seen < DOUBTFUL) & (reconstruction.albedo > FAINT * brightest(reconstruction))
-    if doubtful.any():
-        y_m, x_m = reconstruction.wall.y_m(), reconstruction.wall.x_m()
-        half_width, half_height = reconstruction.wall.width_m / 2, reconstruction.wall.height_m / 2
-        if len(y_m) == 1:  # two are needed for lines between them: the rims of the wall
-            y_m, doubtful = np.array([half_height, -half_height]), doubtful.repeat(2, axis=0)
-        if len(x_m) == 1:
-            x_m, doubtful = np.array([-half_width, half_width]), doubtful.repeat(2, axis=1)
-        drawn = axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["///"])
-        drawn.set_edgecolor("0.4")  # calm on what is dark and on what is bright
-        drawn.set_linewidth(0)
+    hatch(axes, doubtful, extent(reconstruction), "0.4")  # calm on what is dark and on what is bright
     return bool(doubtful.any())
 
 

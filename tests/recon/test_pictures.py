@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -113,6 +114,36 @@ def test_a_depth_picture_is_grey_beside_the_scene(tmp_path: Path) -> None:
     pixels = np.asarray(Image.open(tmp_path / "depth.png").convert("RGB")).astype(int)
     grey = (np.ptp(pixels, axis=2) == 0) & (pixels[..., 0] == round(0.88 * 255))
     assert grey.mean() > 0.2
+
+
+def test_what_is_near_is_told_from_nothing_by_who_sees_no_colours(tmp_path: Path) -> None:
+    """The near end of the colours is as light as the background: a line is where it ends."""
+    albedo = np.zeros((32, 32), dtype=np.float32)
+    depth_m = np.full((32, 32), np.nan, dtype=np.float32)
+    albedo[8:14, 8:24], depth_m[8:14, 8:24] = 1.0, 0.5
+    albedo[20:26, 8:24], depth_m[20:26, 8:24] = 1.0, 0.9
+    two = replace(made(), albedo=albedo, depth_m=depth_m)
+    depth_picture(two, tmp_path / "depth.png")
+    with Image.open(tmp_path / "depth.png") as image:
+        across = np.asarray(image.convert("L"), dtype=float)[254, 110:670]  # through the near one, within the wall
+    assert sorted(set(np.flatnonzero(across < 150) // 140)) == [0, 3]  # its left and its right end
+    figure = gallery([two], ["near"], 89)
+    assert len(figure.axes[1].patches) == 1
+
+
+def test_the_sign_of_a_difference_is_seen_without_colours() -> None:
+    less = replace(made(), albedo=np.where(made().albedo == 1, np.float32(0.5), made().albedo))
+    less.albedo[0], less.depth_m[4:16, 4:16] = 1.0, made().depth_m[4:16, 4:16] + np.float32(0.05)
+    drawn = []
+    for one, other in ((made(), less), (less, made())):
+        figure = difference_figure(one, other, ("a", "b"))
+        page = BytesIO()
+        figure.savefig(page, dpi=100)
+        drawn.append(np.asarray(Image.open(page).convert("L"), dtype=float))
+        assert all("hatched: below zero" in bar.get_ylabel() for bar in figure.axes[2:])
+    middle = drawn[0].shape[1] // 2
+    for part in (np.s_[:, 60:300], np.s_[:, middle : middle + 300]):  # within the pictures, not their bars
+        assert (np.abs(drawn[0] - drawn[1])[part] > 60).sum() > 300
 
 
 def test_the_small_print_counts_points_and_photons() -> None:

@@ -50,11 +50,11 @@ def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
 
 
 def _map(panel: Any, raw: "RawPoints", values: Floats, label: str, symmetric: bool = False) -> None:
-    """A coloured dot at every point of the wall."""
+    """A coloured dot at every point of the wall; darker is less, so that a sign is seen without colours, too."""
     limit = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 1.0
-    style = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit} if symmetric else {"cmap": "viridis"}
+    style = {"vmin": -limit, "vmax": limit} if symmetric else {}
     size = (260 / max(np.sqrt(len(values)), 4)) ** 2
-    dots = panel.scatter(raw.x_m, raw.y_m, c=values, s=size, marker="s", **style)
+    dots = panel.scatter(raw.x_m, raw.y_m, c=values, s=size, marker="s", cmap="viridis", **style)
     panel.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     panel.figure.colorbar(dots, ax=panel, label=label)
 
