@@ -11,8 +11,10 @@ function unpackedScene(scene) {
 function turnable(canvas, paper) {
   const stops = [[253,231,37],[180,222,44],[109,205,89],[53,183,121],[31,158,137],[38,130,142],[49,104,142],[62,74,137],[82,60,140]];
   const self = {threshold: .15, size: 1.2, coloured: true, mode: "points", slice: [.5, .5, .5]};
-  let scene = null, turn, tilt, zoom, shift, cursor = null, last = null, waiting = false, projected = [], planes = {};
-  self.startOver = () => { turn = -.45; tilt = .22; zoom = 1; shift = [0, 0]; self.redraw(); };
+  let scene = null, turn, tilt, zoom, shift, cursor = null, keyed = false, waiting = false, projected = [], planes = {}; const held = new Map(); // pointers that are down, and where
+  self.startOver = () => { turn = -.45; tilt = .22; zoom = 1; shift = [0, 0]; aim(false); self.redraw(); };
+  function aim(byKeys) { if (keyed && !byKeys) cursor = null; keyed = byKeys; } // then what is in the middle is read out
+  const metres = (v, least) => v.toFixed(Math.max(2, 1 - Math.floor(Math.log10(least) + 1e-9)));
   self.show = next => { scene = next; planes = {}; self.redraw(); };
   self.redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(() => { waiting = false; draw(); }); } };
   self.say = () => {};
@@ -41,9 +43,11 @@ function turnable(canvas, paper) {
     corners.forEach(([x, y], i) => { const [u, v] = corners[(i + 1) % 4]; line([x, y, 0], [u, v, 0], ink.dim, 1.5); });
     g.fillStyle = ink.dim; g.font = "12px system-ui, sans-serif"; g.textAlign = "left"; g.textBaseline = "alphabetic";
     const label = (text, at, down = -4) => { const p = project(...at); g.fillText(text, p[0] + 4, p[1] + down); };
-    label(`wall, ${wide.toFixed(2)} x ${high.toFixed(2)} m`, [-X, -Y, 0], 14); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
+    label(`wall, ${metres(wide, Math.min(wide, high))} x ${metres(high, Math.min(wide, high))} m`, [-X, -Y, 0], 14); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
     const [nearer, farther] = [project(X, -Y, 0), project(X, -Y, far)], apart = Math.hypot(nearer[0] - farther[0], nearer[1] - farther[1]) / far;
-    const step = [.1, .25, .5, 1, 2].find(s => s * apart > 52) || 5; for (let z = step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
+    const least = Math.max(52 / Math.max(apart, 1e-6), 1e-6), power = 10 ** Math.floor(Math.log10(least)), step = [1, 2.5, 5, 10].map(k => k * power).find(s => s >= least * .999);
+    for (let k = 1; k * step <= far * (1 + 1e-9); k++) { const z = k * step; line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${metres(z, step)} m`, p[0] + 2, p[1] + 12); }
+    if (keyed) { const [x, y] = cursor = [w / 2, h / 2]; g.strokeStyle = ink.dim; g.lineWidth = 1; g.beginPath(); g.moveTo(x - 9, y); g.lineTo(x + 9, y); g.moveTo(x, y - 9); g.lineTo(x, y + 9); g.stroke(); }
     readOut();
   }
   function drawPoints(g, project, shade, scale) {
@@ -81,13 +85,16 @@ function turnable(canvas, paper) {
     for (const p of projected) { const d = (p[1] - cursor[0]) ** 2 + (p[2] - cursor[1]) ** 2; if (d < least || (d < 36 && best && p[3] < best[3])) { least = Math.min(least, d); best = p; } }
     self.say(best ? `x ${from[4 * best[0]].toFixed(3)} m, y ${from[4 * best[0] + 1].toFixed(3)} m, z ${from[4 * best[0] + 2].toFixed(3)} m: brightness ${from[4 * best[0] + 3].toFixed(2)}` : "");
   }
-  canvas.addEventListener("pointerdown", e => { last = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
-  canvas.addEventListener("pointerup", () => { last = null; });
-  canvas.addEventListener("pointerleave", () => { cursor = null; readOut(); });
+  canvas.addEventListener("pointerdown", e => { held.set(e.pointerId, [e.clientX, e.clientY]); canvas.setPointerCapture(e.pointerId); });
+  for (const over of ["pointerup", "pointercancel"]) canvas.addEventListener(over, e => { held.delete(e.pointerId); });
+  canvas.addEventListener("pointerleave", () => { if (!keyed) cursor = null; readOut(); });
+  canvas.addEventListener("blur", () => { aim(false); self.redraw(); });
   canvas.addEventListener("pointermove", e => {
-    cursor = [e.offsetX, e.offsetY]; if (!last) { readOut(); return; }
-    const dx = e.clientX - last[0], dy = e.clientY - last[1]; last = [e.clientX, e.clientY];
-    if (e.shiftKey) { shift[0] += dx; shift[1] += dy; } else { turn += dx * .008; tilt = Math.min(Math.max(tilt + dy * .008, -1.57), 1.57); }
+    aim(false); cursor = [e.offsetX, e.offsetY]; const last = held.get(e.pointerId); if (!last) { readOut(); return; }
+    const dx = e.clientX - last[0], dy = e.clientY - last[1], still = [...held].find(([id]) => id !== e.pointerId); held.set(e.pointerId, [e.clientX, e.clientY]);
+    if (still) { // two fingers: apart to zoom, together to move
+      const off = ([x, y]) => Math.max(1, Math.hypot(x - still[1][0], y - still[1][1])); zoom = Math.min(20, Math.max(.2, zoom * off([e.clientX, e.clientY]) / off(last))); shift[0] += dx / 2; shift[1] += dy / 2;
+    } else if (e.shiftKey) { shift[0] += dx; shift[1] += dy; } else { turn += dx * .008; tilt = Math.min(Math.max(tilt + dy * .008, -1.57), 1.57); }
     self.redraw();
   });
   canvas.addEventListener("wheel", e => { e.preventDefault(); zoom = Math.min(20, Math.max(.2, zoom * Math.exp(-e.deltaY * .001))); self.redraw(); }, {passive: false});
@@ -97,7 +104,7 @@ function turnable(canvas, paper) {
     if (by && e.shiftKey) { shift[0] += by[0]; shift[1] += by[1]; }
     else if (by) { turn += by[0] * .008; tilt = Math.min(Math.max(tilt + by[1] * .008, -1.57), 1.57); }
     else if (zoomed[e.key]) zoom = Math.min(20, Math.max(.2, zoom * zoomed[e.key])); else if (e.key === "Home") self.startOver(); else return;
-    e.preventDefault(); e.stopPropagation(); self.redraw();
+    if (e.key !== "Home") aim(true); e.preventDefault(); e.stopPropagation(); self.redraw();
   });
   canvas.addEventListener("dblclick", self.startOver); self.startOver(); return self;
 }
