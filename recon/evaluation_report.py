@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nlos.recon.evaluate import Evaluation, Row, Scene, as_json
+from nlos.recon.pixel_marks import outline
 from nlos.recon.png import write_png
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
@@ -164,6 +165,8 @@ def _intensity(axes: Axes, image: npt.NDArray[np.float32]) -> None:
 def _depth(axes: Axes, depth_m: npt.NDArray[np.float32], span: tuple[float, float]) -> None:
     colours = matplotlib.colormaps["viridis_r"].with_extremes(bad="0.85")
     axes.imshow(np.ma.masked_invalid(depth_m), cmap=colours, vmin=span[0], vmax=span[1], interpolation="nearest")
+    rows, cols = depth_m.shape
+    outline(axes, np.isfinite(depth_m), (-0.5, cols - 0.5, rows - 0.5, -0.5))
     axes.set(xticks=[], yticks=[])
 
 
