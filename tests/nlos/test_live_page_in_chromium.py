@@ -665,6 +665,12 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
             "LCT of 256 points less LCT of 256 points", timeout=PATIENCE_MS
         )
         page.wait_for_function("() => albedo.toDataURL() === albedo1.toDataURL()", timeout=PATIENCE_MS)
+        # Less without colours: as much above and below zero differ by strokes alone.
+        strokes = page.evaluate("""() => { const c = document.createElement("canvas");
+          c.width = c.height = 64; const g = c.getContext("2d"), seen = below => { g.clearRect(0, 0, 64, 64);
+          hatchBelow(g, 8, 8, [0, 0, 64, 64], () => below); return g.getImageData(0, 0, 64, 64).data.some(v => v); };
+          return [-1, -.3, -.05, 0, .3, 1].map(seen); }""")
+        assert strokes == [True, True, False, False, False, False]
         middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
                                "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
         assert middle is True
@@ -716,7 +722,9 @@ def test_the_depths_of_two_scans_are_compared_where_both_have_one(folder: Path, 
         page.keyboard.press("2")
         page.keyboard.press("d")
         deeper = page.locator(".panel[data-kind=deeper]")
-        playwright.expect(deeper.locator(".say")).to_contain_text("red: the first is farther away", timeout=PATIENCE_MS)
+        playwright.expect(deeper.locator(".say")).to_contain_text(
+            "red: the first is farther away, hatched: it is nearer", timeout=PATIENCE_MS
+        )
         assert page.locator(".panel h2").all_inner_texts()[-1] == "Depth difference: near.h5 less far.h5"
         spot = page.evaluate("""() => { const p = panels[2], ink = [...p.picture.albedo].map((_, i) =>
           Math.min(inkOf(p.picture, i), inkOf(p.other, i))), i = ink.indexOf(Math.max(...ink));
@@ -807,14 +815,14 @@ def test_the_page_is_used_by_keys_alone_and_told_to_who_cannot_see_it(viewer: st
     page, complaints = opened(browser, viewer)
     page.wait_for_selector('body[data-picture="256"]')
     page.keyboard.press("4")
+    assert page.get_by_role("img", name="Histogram").count() == 1
+    # What takes arrow keys says so by its role: a screen reader keeps them to itself on what is an image.
     for name in (
         r"^Front view, looking towards the wall: brightest at x -0\.\d\d m, y -?0\.\d\d m; surfaces from 0\.\d\d to 1",
         r"^Depth.* m from the wall in \d+ % of the picture$",
-        "Histogram",
+        "count rate",
     ):
-        assert page.get_by_role("img", name=re.compile(name)).count() == 1, name
-    # What takes arrow keys says so by its role: a screen reader keeps them to itself on what is an image.
-    assert page.get_by_role("application", name=re.compile("count rate")).count() == 1
+        assert page.get_by_role("application", name=re.compile(name)).count() == 1, name
     assert page.get_by_role("button", name="Side by side", pressed=True).count() == 1
     assert page.get_by_role("button", name="Depth", pressed=False).count() == 1
     stops = set()
@@ -823,7 +831,26 @@ def test_the_page_is_used_by_keys_alone_and_told_to_who_cannot_see_it(viewer: st
         stops.add(page.evaluate("document.activeElement.id"))
         here = page.evaluate("[document.activeElement.tagName, getComputedStyle(document.activeElement).outlineWidth]")
         assert here[0] == "BODY" or here[1] == "2px"
-    assert {"map", "time", "log", "scale", "help"} <= stops
+    assert {"albedo", "depth", "map", "time", "log", "scale", "help"} <= stops
+    page.focus("#albedo")
+    page.keyboard.press("ArrowUp")
+    front = page.locator(".panel[data-kind=front] .say")
+    playwright.expect(front).to_have_text(re.compile(r"^x .* m: brightness 1\.\d+, depth \d\.\d+ m"))  # the brightest
+    assert front.get_attribute("aria-live") == "polite"
+    here, plain = front.inner_text(), page.evaluate(PIXELS, "depth")
+    page.keyboard.press("ArrowRight")
+    east = front.inner_text()
+    assert float(east.split()[1]) - float(here.split()[1]) == pytest.approx(1 / 16, abs=2e-3)
+    page.keyboard.press("ArrowLeft")
+    assert front.inner_text() == here
+    page.keyboard.press("Enter")
+    shows(page, "histotitle", "^Histogram at " + re.escape(" ".join(here.split()[:2])))
+    page.keyboard.press("Tab")
+    playwright.expect(front).to_have_text(re.compile("of 256 points"))
+    page.keyboard.press("ArrowUp")  # into the depth picture, whose mark goes with the keys
+    assert page.evaluate(PIXELS, "depth") != plain
+    page.keyboard.press("Tab")
+    assert page.evaluate(PIXELS, "depth") == plain
     page.focus("#map")
     page.keyboard.press("ArrowUp")
     page.keyboard.press("ArrowRight")

@@ -65,7 +65,7 @@ function colourBar(g, x, y, h, low, high, colour, label) {
   g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, 13, h + 1); g.fillStyle = inks.dim; g.textAlign = "left"; g.textBaseline = "middle";
   const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(4, h / 45));
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
-  const lines = g.measureText(label).width > h + 30 ? label.split(", ") : [label]; // one beside the other where the bar is short
+  const lines = g.measureText(label).width > h + 14 ? label.split(", ") : [label]; // one beside the other where the bar is short
   g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; lines.forEach((line, i) => g.fillText(line, 0, 13 * i)); g.restore();
 }
 function flatBar(g, x, y, w, low, high, colour, label) {

@@ -11,16 +11,20 @@ function depthSpan(pictures) {
 const doubted = (p, i) => !!p.seen && p.seen[i] < DOUBTFUL && p.albedo[i] > FAINT;
 // Thin strokes as far apart on every grid, a little lighter than what is dark and a little darker than what is bright: doubt is seen, and what is drawn is seen through it.
 const HATCH_PX = 7, HATCH_LIGHT = "rgba(255, 255, 255, .42)", HATCH_DARK = "rgba(0, 0, 0, .42)", HATCH_TURNS = .4;
-function hatch(g, p, rows, cols, [bx, by, bw, bh]) { // whether there are any
+const hatch = (g, p, rows, cols, box) => strokes(g, rows, cols, box, i => doubted(p, i) && p.albedo[i] < HATCH_TURNS, i => doubted(p, i) && p.albedo[i] >= HATCH_TURNS);
+function strokes(g, rows, cols, [bx, by, bw, bh], light, dark) { // over these pixels; whether there are any
   let any = false; const pw = bw / cols, ph = bh / rows;
-  for (const [ink, here] of [[HATCH_LIGHT, v => v < HATCH_TURNS], [HATCH_DARK, v => v >= HATCH_TURNS]]) {
+  for (const [ink, here] of [[HATCH_LIGHT, light], [HATCH_DARK, dark]]) {
     g.save(); g.beginPath(); let some = false;
-    for (let i = 0; i < rows * cols; i++) if (doubted(p, i) && here(p.albedo[i])) { some = true; g.rect(bx + (i % cols) * pw, by + Math.floor(i / cols) * ph, pw, ph); }
+    for (let i = 0; i < rows * cols; i++) if (here(i)) { some = true; g.rect(bx + (i % cols) * pw, by + Math.floor(i / cols) * ph, pw, ph); }
     if (some) { any = true; g.clip(); g.strokeStyle = ink; g.lineWidth = 1; g.beginPath(); for (let x = bx - bh; x < bx + bw; x += HATCH_PX) { g.moveTo(x, by + bh); g.lineTo(x + bh, by); } g.stroke(); }
     g.restore();
   }
   return any;
 }
+// Both ends of a difference are as dark: to who sees no colours, what is below zero is hatched.
+const BELOW = -.1, FAR_BELOW = -.6;
+const hatchBelow = (g, rows, cols, box, part) => strokes(g, rows, cols, box, i => part(i) < FAR_BELOW, i => part(i) < BELOW && part(i) >= FAR_BELOW);
 const NEITHER = [150, 150, 150]; // where one of two pictures has no depth; no colour of a difference is that grey
 function onGrid(p, rows, cols) { // every pixel of a finer grid takes what the picture has at its centre
   const [r, c] = p.albedo.shape; if (r === rows && c === cols) return p;
@@ -62,8 +66,9 @@ class PicturePanel {
   constructor(kind, scan) {
     this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
     this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName(kind, scan); this.say = document.createElement("p"); this.say.className = "say";
-    named(this, "img"); this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
-    this.canvas.addEventListener("pointermove", e => { this.cursor = [e.offsetX, e.offsetY]; this.readOut(); });
+    named(this, "application"); this.canvas.tabIndex = 0; this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
+    this.canvas.addEventListener("pointermove", e => { this.keyed = false; this.cursor = [e.offsetX, e.offsetY]; this.readOut(); });
+    this.canvas.addEventListener("keydown", e => this.step(e)); this.canvas.addEventListener("blur", () => { if (this.keyed) this.keep(null); });
     this.canvas.addEventListener("pointerleave", () => { this.cursor = null; this.readOut(); });
     this.canvas.addEventListener("click", e => { if (this.frame) pinAt(this.scan, ...this.frame.metres(e.offsetX, e.offsetY)); });
   }
@@ -75,20 +80,31 @@ class PicturePanel {
     if (this.kind === "front") { image(g, picture.albedo, rows, cols, this.frame.box, gray); hatched = hatch(g, picture, rows, cols, this.frame.box); }
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = inkOf(picture, i), c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
-    else if (this.kind === "deeper") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
+    else if (this.kind === "deeper") { image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = Math.min(inkOf(picture, i), inkOf(other, i)), c = k ? redBlue(.5 + .5 * (v - other.depth_m[i]) / high) : NEITHER; return c.map((x, j) => NEITHER[j] + (x - NEITHER[j]) * k); });
-    else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
+      hatchBelow(g, rows, cols, this.frame.box, i => Math.min(inkOf(picture, i), inkOf(other, i)) > .3 ? (picture.depth_m[i] - other.depth_m[i]) / high : 0); }
+    else { image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i]))); hatchBelow(g, rows, cols, this.frame.box, i => picture.albedo[i] - other.albedo[i]); }
     if (this.kind === "depth") outline(g, picture, rows, cols, this.frame.box);
     this.canvas.removeAttribute("aria-labelledby"); this.canvas.setAttribute("aria-label", `${this.title.textContent}: ${this.kind === "front" || this.kind === "depth" ? inWords(picture) : "the first less the second"}`);
     g.restore(); axes(g, this.frame, wall);
     const bar = tall ? (...what) => flatBar(g, bx, by + bh + 44, bw, ...what) : (...what) => colourBar(g, bx + bw + 12, by, bh, ...what);
     if (this.kind === "depth") bar(low, high, v => viridis(1 - v), "depth from the wall (m)");
     else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)" + (hatched ? ", hatched: likely no surface" : ""));
-    else if (this.kind === "deeper") bar(low, high, v => redBlue(v), "difference (m)");
-    else bar(-1, 1, redBlue, "first less second");
+    else if (this.kind === "deeper") bar(low, high, v => redBlue(v), "difference (m), hatched: nearer");
+    else bar(-1, 1, redBlue, "first less second, hatched: below 0");
     if (this.kind !== "difference") this.trails(g);
-    if (overlaid) this.points(g); this.other = other; this.readOut();
+    if (overlaid) this.points(g); if (this.keyed) this.ring(g); this.other = other; this.readOut();
   }
+  // What the pointer does, by keys: the brightest pixel first, then the next one to any side; what is there is said.
+  step(e) {
+    const p = this.picture, side = asides[e.key]; if (!this.frame || e.ctrlKey || e.metaKey || e.altKey || !(side || (e.key === "Enter" && this.keyed))) return;
+    e.preventDefault(); e.stopPropagation(); if (!side) { pinAt(this.scan, ...this.frame.metres(...this.cursor)); return; }
+    const [rows, cols] = p.albedo.shape, within = (v, n) => Math.min(n - 1, Math.max(0, v)); let at = p.albedo.indexOf(p.albedo.reduce((a, b) => Math.max(a, b))), [col, row] = [at % cols, Math.floor(at / cols)];
+    if (this.keyed) { const [x, y] = this.frame.metres(...this.cursor); [col, row] = [within(Math.floor((x / p.wall[0] + .5) * cols) + side[0], cols), within(Math.floor((.5 - y / p.wall[1]) * rows) - side[1], rows)]; }
+    this.keep(this.frame.at(((col + .5) / cols - .5) * p.wall[0], (.5 - (row + .5) / rows) * p.wall[1]));
+  }
+  keep(cursor) { this.cursor = cursor; this.keyed = !!cursor; this.say.ariaLive = cursor ? "polite" : "off"; if (this.picture) this.draw(this.picture, this.limits, this.other); }
+  ring(g) { const [x, y] = this.cursor; g.beginPath(); g.arc(x, y, 7, 0, 7); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); }
   trails(g) { // of a film: where its objects were, a ring where each is now, and how fast
     const film = frame === null ? scans[this.scan].state.film : this.picture.of_film; if (!film) return; g.save(); g.lineWidth = 2; g.textBaseline = "bottom"; g.textAlign = "left";
     film.objects.forEach(one => { g.strokeStyle = g.fillStyle = TRAILS[one.object % TRAILS.length]; g.beginPath(); one.x_m.forEach((x, i) => g.lineTo(...this.frame.at(x, one.y_m[i]))); g.stroke();
@@ -118,7 +134,7 @@ class PicturePanel {
   isOld(p) { const state = scans[this.scan].state; return !!p && !!state && frame === null && state.samples - p.samples > .02 * state.planned; }
   about() {
     const whose = q => `${q.method.toUpperCase()} of ${count(q.samples)} points`;
-    if (this.kind === "deeper") { const [one, other] = [whose(this.picture), whose(this.other)]; return [document.createTextNode(`${one === other ? one : `${one} less ${other}`}; red: the first is farther away`)]; }
+    if (this.kind === "deeper") { const [one, other] = [whose(this.picture), whose(this.other)]; return [document.createTextNode(`${one === other ? one : `${one} less ${other}`}; red: the first is farther away, hatched: it is nearer`)]; }
     if (this.kind === "difference") return [document.createTextNode(`${whose(this.picture)} less ${whose(this.other)}`)];
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
