@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from nlos.doctor.page import write_page as write_examination
 from nlos.drivers.identity import DeviceIdentity
 from nlos.runs.index import RunsIndex
 from nlos.runs.page import write_page as write_runs
+from nlos.series.journal import ALARM, Journal
+from nlos.status_page import body
 from tests.nlos.test_status_page import growing
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
@@ -71,7 +74,20 @@ def an_examination(folder: Path) -> Path:
     return folder / "day.html"
 
 
-@pytest.mark.parametrize("made", [an_archive, runs, an_examination])
+def the_corridor(folder: Path) -> Path:
+    (folder / "night").mkdir()
+    journal = Journal(folder / "night")
+    journal.plan({f"1-{LONG}": 10.0, "2-cap": 10.0})
+    journal.add("2-cap", ALARM, message=f"{LONG}: too bright")
+    style = (files("nlos.runs") / "page.css").read_text(encoding="utf-8")
+    (folder / "corridor.html").write_text(
+        f'<!doctype html><meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style>'
+        f"<body>{body(folder)}</body>"
+    )
+    return folder / "corridor.html"
+
+
+@pytest.mark.parametrize("made", [an_archive, runs, an_examination, the_corridor])
 def test_a_page_fits_a_telephone_and_is_printed_dark_on_white(
     made: Callable[[Path], Path], browser: Any, tmp_path: Path
 ) -> None:
