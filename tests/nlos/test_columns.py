@@ -7,8 +7,12 @@ import struct
 import subprocess
 import sys
 import termios
+from pathlib import Path
 
 import pytest
+
+from nlos.acquisition.recording.recording import Status
+from tests.nlos.test_status_page import growing
 
 
 def on_a_terminal(columns: int, *words: str) -> list[str]:
@@ -41,3 +45,15 @@ def test_no_word_of_a_catalogue_is_broken_by_a_terminals_edge(columns: int) -> N
     assert any(line.startswith(" " * 20) for line in table)  # what did not fit stands under its column
     assert " ".join(" ".join(lines).split()) == " ".join(whole.split())  # the same words, none in two
     assert max(map(len, whole.splitlines())) > 80  # and whole lines off a terminal
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_a_list_of_runs_that_is_too_wide_names_what_it_says(columns: int, tmp_path: Path) -> None:
+    path = tmp_path / "a-night-of-scans" / f"{'long-' * 12}hut.h5"
+    path.parent.mkdir()
+    growing(path, 30).finish(Status.COMPLETE)
+    lines = on_a_terminal(columns, "runs", "--folder", str(tmp_path))
+    assert lines[0].split()[2:] == ["complete", "30/30"]
+    assert "sample hut <i>, operator Ada" in lines[1]
+    assert lines[2] == f"    {path.relative_to(tmp_path)}"  # to be copied whole
+    assert lines[3].startswith("1 of 1 runs in ")

@@ -26,6 +26,18 @@ def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys:
     assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
 
 
+def test_a_terminal_that_only_shows_text_gets_lines(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An editor's shell: a bar would be seen at the end alone."""
+    monkeypatch.setattr(terminal, "verbosity", 0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")
+    with Progress(10, what="import", unit="files", line_s=-1.0) as progress:
+        progress.step(4)
+    assert capsys.readouterr().err.startswith("4 of 10 files, ")
+
+
 def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     now_s = [100.0]
     monkeypatch.setattr(terminal, "verbosity", 0)

@@ -1,6 +1,7 @@
 """What a person sees while something takes its time: a bar with rate and time left on a terminal, lines elsewhere."""
 
 import logging
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 _BAR_S = 0.1
 _LINE_S = 10.0
+DUMB = ("dumb", "unknown")
+"""Terminals by these names, an editor's shell among them, show text and nothing else."""
 
 
 class _OnScreen:
@@ -35,8 +38,9 @@ class _OnScreen:
 
 
 def _bar_of(columns: "Callable[[ModuleType], tuple[str | ProgressColumn, ...]]") -> "RichProgress | None":
-    """A bar of these columns of `rich.progress`, which is loaded for a terminal alone; None elsewhere."""
-    if terminal.verbosity < 0 or not sys.stderr.isatty():
+    """A bar of these columns of `rich.progress`, which is loaded for a terminal alone; None elsewhere, and on one that
+    moves no cursor back, where a bar would stay unseen until the end."""
+    if terminal.verbosity < 0 or not sys.stderr.isatty() or os.environ.get("TERM", "").lower() in DUMB:
         return None
     from rich import progress
     from rich.console import Console

@@ -1,10 +1,12 @@
 """`nlos runs`: finds scans again, by sample, operator, note, tag, day, or anything else that is known of them."""
 
+import textwrap
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from nlos.cli.columns import columns_shown
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
@@ -83,9 +85,24 @@ def _show(found: "list[Run]") -> None:
         tuple(_cut(cell) if _HEADS[column] != "path" else cell for column, cell in enumerate(line)) for line in lines
     ]
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    columns = columns_shown()
+    if columns is not None and sum(widths) + 2 * sum(width > 0 for width in widths) - 2 > columns:
+        _show_narrow(lines[1:], columns)
+        return
     for line in lines:
         cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True) if width]
         terminal.result("  ".join(cells).rstrip())
+
+
+def _show_narrow(lines: list[tuple[str, ...]], columns: int) -> None:
+    """Where a line is too short for all of it: when, how and how much, what was said by name, and the whole path."""
+    for line in lines:
+        terminal.result("  ".join(filter(None, line[:3])))
+        said = ", ".join(f"{head} {cell}" for head, cell in zip(_HEADS[3:], line[3:], strict=True)
+                         if cell and head != "path")  # fmt: skip
+        for part in textwrap.wrap(said, columns - 4):
+            terminal.result(f"    {part}")
+        terminal.result(f"    {line[_HEADS.index('path')]}")
 
 
 def _cut(text: str) -> str:
