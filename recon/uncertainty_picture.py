@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from nlos.recon.errors import InvalidData
 from nlos.recon.pictures import BACKGROUND, extent, save_picture
+from nlos.recon.pixel_marks import outline
 from nlos.recon.seen import brightest
 from nlos.recon.small_print import below, small_print
 from nlos.recon.volume import Reconstruction
@@ -31,7 +32,7 @@ def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
         raise InvalidData(f"this {reconstruction.method} reconstruction does not say how sure it is.")
     figure = Figure(figsize=(12.4, 4.2), layout="constrained")
     draw_uncertainty(reconstruction, figure)
-    said = "pale: hardly a surface. An interval holds the truth in nine cases of ten."
+    said = "outlined: likely a surface; pale outside: hardly one. An interval holds the truth in nine cases of ten."
     below(figure, f"{said}\n{small_print(reconstruction)}", 6.5)
     save_picture(figure, path)
 
@@ -72,6 +73,7 @@ def _faded(
     ink = reconstruction.intervals.seen[..., None]
     colour = colours(scale(values))[..., :3]
     axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
+    outline(axes, reconstruction.intervals.seen >= LIKELY, extent(reconstruction))  # without colours sure is pale, too
     axes.set(xlabel="x (m)", ylabel="y (m)")
     beyond = "max" if (values > scale.vmax).any() else "neither"
     bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=SHRUNK, extend=beyond)

@@ -28,3 +28,17 @@ def test_brightness_widths_are_read_back_from_their_colours(largest: float) -> N
     read = low + (high - low) * np.abs(drawn - colours).sum(axis=2).argmin(axis=1) / 255
     assert np.abs(read - widths.ravel()).max() < 0.07 * largest
     assert high < 3 * largest
+
+
+def test_what_is_sure_is_told_from_what_is_hardly_there_without_colours() -> None:
+    """Both are pale: a line goes around what is likely a surface."""
+    wall, ones = WallGrid(1.0, 1.0, 16, 16), np.ones((16, 16), np.float32)
+    seen = np.where(np.arange(16) < 8, np.float32(0.9), np.float32(0.1)) * ones
+    figure = Figure()
+    sure = Intervals(ones * 0.99, ones, ones * 0.8, ones * 0.801, seen)
+    draw_uncertainty(Reconstruction(ones, ones * 0.8, wall, "nano", 0.0, {}, None, intervals=sure), figure)
+    for panel in figure.axes[1:3]:
+        (line,) = panel.patches
+        corners = line.get_path().vertices
+        assert np.ptp(corners, axis=0) == pytest.approx([0.5, 1.0])
+        assert corners[:, 0].max() == pytest.approx(0.0)
