@@ -897,6 +897,14 @@ def test_depth_is_told_from_nothing_by_who_sees_no_colours(viewer: str, browser:
     page.close()
 
 
+def test_a_browser_without_scripts_is_not_kept_waiting(viewer: str, browser: Any) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(viewer)
+    playwright.expect(page.locator("noscript p")).to_be_visible()
+    context.close()
+
+
 def test_what_is_chosen_is_seen_in_a_systems_own_colours(viewer: str, browser: Any) -> None:
     page = browser.new_page(forced_colors="active")
     page.set_default_timeout(PATIENCE_MS)
