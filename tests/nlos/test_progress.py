@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,24 @@ def test_a_terminal_that_only_shows_text_gets_lines(
     with Progress(10, what="import", unit="files", line_s=-1.0) as progress:
         progress.step(4)
     assert capsys.readouterr().err.startswith("4 of 10 files, ")
+
+
+def test_a_bar_shows_a_files_name_as_it_is_and_obeys_it_in_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar writes past the stream that escapes what is printed."""
+    screen = StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "140")
+    name = "a[b]c [bold]\x1b]0;owned\x07\u202e.npz"
+    with Progress(2, what=f"import {name}") as progress:
+        progress.at(f"reading {name}")
+    with Stages(name, "nlos.calibration"):
+        logging.getLogger("nlos.calibration").debug("fitting %s", name)
+    shown = screen.getvalue()
+    told = "a[b]c [bold]\\x1b]0;owned\\x07\\u202e.npz"
+    assert all(words in shown for words in (f"import {told}", f"reading {told}", f"fitting {told}"))
+    assert not {"\x07", "\u202e", "\x1b]"} & {shown[at : at + size] for at in range(len(shown)) for size in (1, 2)}
 
 
 def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

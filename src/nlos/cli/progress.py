@@ -8,6 +8,7 @@ from collections.abc import Callable
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Self
 
+from nlos.cli.escaped import escaped
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class _OnScreen:
             self._bar.stop()
 
 
-def _bar_of(columns: "Callable[[ModuleType], tuple[str | ProgressColumn, ...]]") -> "RichProgress | None":
+def _bar_of(columns: "Callable[[ModuleType], tuple[ProgressColumn, ...]]") -> "RichProgress | None":
     """A bar of these columns of `rich.progress`, which is loaded for a terminal alone; None elsewhere, and on one that
     moves no cursor back, where a bar would stay unseen until the end."""
     if terminal.verbosity < 0 or not sys.stderr.isatty() or os.environ.get("TERM", "").lower() in DUMB:
@@ -47,6 +48,12 @@ def _bar_of(columns: "Callable[[ModuleType], tuple[str | ProgressColumn, ...]]")
 
     console = Console(file=getattr(sys.stderr, "sent", sys.stderr))
     return progress.Progress(*columns(progress), console=console, transient=True)
+
+
+def _text(rich: ModuleType, field: str) -> "ProgressColumn":
+    """A column of a task's text as it is: brackets in a file's name are no styles. `escaped` before it comes here, for
+    the bar writes below what escapes the rest."""
+    return rich.TextColumn(f"{{task.{field}}}", markup=False)  # type: ignore[no-any-return]
 
 
 class Stages(_OnScreen, logging.Handler):
@@ -59,9 +66,9 @@ class Stages(_OnScreen, logging.Handler):
         self._level = self._logger.level
         self._what, self._line_s, self._shown_s = what, line_s, time.monotonic()
         self._begun_s = self._shown_s
-        self._bar = _bar_of(lambda rich: (rich.SpinnerColumn(), "{task.description}", rich.TimeElapsedColumn()))
+        self._bar = _bar_of(lambda rich: (rich.SpinnerColumn(), _text(rich, "description"), rich.TimeElapsedColumn()))
         if self._bar is not None:
-            self._task = self._bar.add_task(what, total=None)
+            self._task = self._bar.add_task(escaped(what), total=None)
 
     def __enter__(self) -> Self:
         self._level = self._logger.level
@@ -80,7 +87,7 @@ class Stages(_OnScreen, logging.Handler):
         """What is being done now."""
         stage, now = record.getMessage(), time.monotonic()
         if self._bar is not None:
-            self._bar.update(self._task, description=f"{self._what}: {stage}", refresh=True)
+            self._bar.update(self._task, description=escaped(f"{self._what}: {stage}"), refresh=True)
         elif now - self._shown_s >= self._line_s:
             self._shown_s = now
             terminal.log(f"{self._what}: {stage}, {now - self._begun_s:.0f} s so far")
@@ -97,11 +104,11 @@ class Progress(_OnScreen):
         self._total, self._done, self._begun_with = total, done, done
         self._begun_s = self._shown_s = self._hidden_s = time.monotonic()
         self._bar = _bar_of(lambda rich: (
-            "{task.description}", rich.BarColumn(), rich.MofNCompleteColumn(), "{task.fields[rate]}",
+            _text(rich, "description"), rich.BarColumn(), rich.MofNCompleteColumn(), _text(rich, "fields[rate]"),
             rich.TimeRemainingColumn(),
         ))  # fmt: skip
         if self._bar is not None:
-            self._task = self._bar.add_task(what, total=total, completed=done, rate="")
+            self._task = self._bar.add_task(escaped(what), total=total, completed=done, rate="")
 
     def step(self, by: int = 1, note: str = "") -> None:
         """So many more are done; `note` is shown beside the pace."""
@@ -125,7 +132,9 @@ class Progress(_OnScreen):
         """What is being done now, named in the bar; off a terminal the lines' own business."""
         if self._bar is not None:
             # At once: a stage that is over before the next tick of the bar is seen, too.
-            self._bar.update(self._task, description=f"{self._what}: {stage}", completed=self._done, refresh=True)
+            self._bar.update(
+                self._task, description=escaped(f"{self._what}: {stage}"), completed=self._done, refresh=True
+            )
 
     def going_to(self, total: int) -> None:
         """How many there will be, once that is known."""
