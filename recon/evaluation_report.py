@@ -18,6 +18,7 @@ from nlos.recon.pixel_marks import outline
 from nlos.recon.png import write_png
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
+from nlos.recon.small_print import drawable
 from nlos.recon.whole_files import whole_files
 
 T = TypeVar("T")
@@ -135,7 +136,9 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
         span = depth_span_m(scene)
         _intensity(line[0], scene.intensity)
         _depth(line[1], np.where(scene.mask, scene.depth_m, np.nan), span)
-        line[0].set_ylabel(f"{name}\n{condition}\ndepth {span[0]:.2f} to {span[1]:.2f} m", fontsize=6, parse_math=False)
+        line[0].set_ylabel(
+            f"{drawable(name)}\n{condition}\ndepth {span[0]:.2f} to {span[1]:.2f} m", fontsize=6, parse_math=False
+        )
         for k, method in enumerate(methods, start=1):
             picture = evaluation.pictures.get((name, method, condition))
             if picture is None:
@@ -145,7 +148,7 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
             _intensity(line[2 * k], picture.albedo)
             _depth(line[2 * k + 1], visible_depth(picture), span)
     for k, title in enumerate(["truth", *methods]):
-        grid[0][2 * k].set_title(title, fontsize=8, parse_math=False)
+        grid[0][2 * k].set_title(drawable(title), fontsize=8, parse_math=False)
         grid[0][2 * k + 1].set_title("depth", fontsize=8)
     write_png(figure, path, 110)
 

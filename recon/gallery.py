@@ -15,6 +15,7 @@ from nlos.recon.errors import InvalidData
 from nlos.recon.pictures import BACKGROUND, OUTLINED
 from nlos.recon.pixel_marks import hatch, outline
 from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
+from nlos.recon.small_print import drawable
 from nlos.recon.volume import Reconstruction
 
 MM_PER_INCH = 25.4
@@ -50,7 +51,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
             colour = colours(scale(np.nan_to_num(visible_depth(made))))[..., :3]
             below.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=(-x, x, -y, y))
             outline(below, ink[..., 0] >= OUTLINED, (-x, x, -y, y))
-            above.set_title(title, fontsize=7, parse_math=False)
+            above.set_title(drawable(title), fontsize=7, parse_math=False)
             for panel in (above, below):
                 panel.set_axis_on()
                 panel.tick_params(
@@ -100,7 +101,7 @@ def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[
             bar.ax.fill_between([0, 1], max(low, -1) * reach, high * reach, facecolor="none", edgecolor=ink,
                                 hatch="///", linewidth=0)  # fmt: skip
         panel.set(xlabel="x (m)", ylabel="y (m)")
-        panel.set_title(f"{titles[0]} less {titles[1]}", parse_math=False)
+        panel.set_title(drawable(f"{titles[0]} less {titles[1]}"), parse_math=False)
     return figure
 
 

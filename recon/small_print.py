@@ -23,6 +23,7 @@ def small_print(reconstruction: Reconstruction) -> str:
 
 def below(figure: "Figure", text: str, points: float) -> None:
     """Small print of so many points below a figure, in lines that are no longer than it is wide."""
+    text = drawable(text)
     most = 72 * 0.97 * float(figure.get_figwidth())
     lines: list[str] = []
     for paragraph in text.split("\n"):
@@ -39,6 +40,18 @@ def below(figure: "Figure", text: str, points: float) -> None:
                 line = line[fits:]
         lines.append(line)
     figure.supxlabel("\n".join(lines), fontsize=points, color="0.35", parse_math=False)
+
+
+def drawable(text: str) -> str:
+    r"""`text` with every letter that the font of pictures lacks written as Python writes it, `\u6d4b`: a box may be any
+    letter, and two scans would be called alike. A font of matplotlib's `font.family` that has them is drawn with."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    font = get_font(findfont(FontProperties()))
+    return "".join(
+        letter if letter.isspace() or font.get_char_index(ord(letter)) else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
 
 
 def _long(text: str, points: float) -> float:

@@ -258,3 +258,18 @@ def test_the_small_print_is_whole_however_long(scan: str) -> None:
     assert box.y0 >= 0
     told = print_.get_text()
     assert "".join(told.split("\n")).replace(" · ", "") == small_print(result).replace(" · ", "")
+
+
+@pytest.mark.filterwarnings("error")
+def test_names_in_letters_that_the_font_lacks_are_still_told_apart(tmp_path: Path) -> None:
+    one, other = (replace(made(), scan=f"{name}.h5") for name in ("\u6d4b\u8bd5", "\u6837\u54c1 \U0001f3a9"))
+    titles = [panel.get_title() for panel in gallery([one, other], [one.scan, other.scan]).axes]
+    assert "\\u6d4b\\u8bd5.h5" in titles
+    assert "\\u6837\\u54c1 \\U0001f3a9.h5" in titles
+    assert difference_figure(one, other, (one.scan, other.scan)).axes[0].get_title().isascii()
+    assert below_of(one).startswith("\\u6d4b\\u8bd5.h5")
+    albedo_picture(other, tmp_path / "picture.png")
+
+
+def below_of(result: Reconstruction) -> str:
+    return str(summary_figure(result).get_supxlabel())
