@@ -199,7 +199,11 @@ def test_files_of_one_name_get_folders_of_their_own_or_are_refused(tmp_path: Pat
     assert [path.name for path in folders_for(found, tmp_path)] == ["a.h5", "a.mat", "b"]
     with pytest.raises(UsageError, match="two files of one name"):
         folders_for([tmp_path / "x" / "a.h5", tmp_path / "y" / "a.h5"], tmp_path)
+    assert files_of([tmp_path / ".hidden.h5", tmp_path / "a.h5"])[0].name == ".hidden.h5"  # it was named
+    with pytest.raises(UsageError, match=r"archive\.json: is a file of every archive"):
+        folders_for([tmp_path / "archive.json.h5", tmp_path / "a.h5"], tmp_path)
     (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "._run.h5").touch()  # as macOS leaves it beside a file that was taken away
     with pytest.raises(UsageError, match="holds no scans"):
         files_of([tmp_path / "none"])
 

@@ -14,12 +14,13 @@ from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.archive_crew import Crew
 from nlos.cli.archive_on_dask import connected
 from nlos.cli.archive_on_this_machine import begun_when_worth_it, processes_of
-from nlos.cli.archive_record import MADE, RECORD, ArchiveRecord, Row
+from nlos.cli.archive_record import MADE, PAGE, RECORD, ArchiveRecord, Row
 from nlos.cli.archive_task import Outcome, Task
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.progress import Progress
 from nlos.cli.targets import names_of
 from nlos.cli.terminal import terminal
+from nlos.names_for_one import folded
 
 SUFFIXES = (
     ".h5", ".hdf5", ".mat", ".npz", ".npy", ".sdt",
@@ -40,20 +41,26 @@ def files_of(runs: Sequence[Path]) -> list[Path]:
         inside = _scans_in(run) if run.is_dir() else [run]
         if not inside:
             raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)}). {meant_by(run) or how_to_convert()}")
-        files += [path for path in inside if not path.name.startswith(".")]
+        files += inside
     return list(dict.fromkeys(files))
 
 
 def _scans_in(folder: Path) -> list[Path]:
     """Its files by their suffix; times of flight that go with other MATLAB files are no scan of their own."""
-    inside = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    shown = (path for path in folder.iterdir() if not path.name.startswith("."))  # macOS keeps ._run.h5 on shares
+    inside = sorted(path for path in shown if path.suffix.lower() in SUFFIXES)
     scans = [path for path in inside if not _OF_NEIGHBOURS.fullmatch(path.name)]
     return scans if any(path.suffix.lower() == ".mat" for path in scans) else inside
 
 
 def folders_for(files: Sequence[Path], output: Path) -> list[Path]:
     """`output`/NAME for every file; with its suffix where two have one stem. Raises `UsageError`."""
-    return [output / name for name in names_of(files)]
+    names = names_of(files, output)
+    if own := sorted({RECORD, PAGE} & {folded(name) for name in names}):
+        raise UsageError(
+            f"{output / own[0]}: is a file of every archive. Rename the scan whose results would go there."
+        )
+    return [output / name for name in names]
 
 
 @dataclass(frozen=True)

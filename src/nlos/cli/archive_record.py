@@ -18,6 +18,7 @@ from nlos.cli.archive_made_with import differences, made_with
 from nlos.cli.archive_page import page
 from nlos.cli.archive_task import Outcome
 from nlos.cli.terminal import terminal
+from nlos.names_for_one import folded
 from nlos.recon.results import NAMES
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class ArchiveRecord:
             )
         if len(there) < len(NAMES):
             return False
-        row = self._rows.get(task.results.path.name)
+        row = self._row_of(task.results.path)
         if row is None:
             if _newer(task.run, task.results.path / NAMES[0]):
                 terminal.log(f"{task.file}: newer than its result, done again")
@@ -70,6 +71,12 @@ class ArchiveRecord:
                 "Choose another folder with -o, or use --overwrite."
             )
         return self._of_this_file(task, row)
+
+    def _row_of(self, results: Path) -> Row | None:
+        """What is known of a folder of results: also by another name, which its disk takes for the same."""
+        others = (name for name in self._rows if folded(name) == folded(results.name))
+        known = (name for name in others if name == results.name or _is_same(self.folder / name, results))
+        return next((self._rows[name] for name in known), None)
 
     def _of_this_file(self, task: "Task", row: Row) -> bool:
         """Whether a result was made of the task's file as it is."""
@@ -102,6 +109,8 @@ class ArchiveRecord:
         self.folder.mkdir(parents=True, exist_ok=True)
         for task in tasks:
             to_come = Outcome(task.file, "unfinished", "the command ended before it was done", 130, None, "")
+            if (before := self._row_of(task.results.path)) is not None:
+                del self._rows[before["folder"]]
             self._rows[task.results.path.name] = _row(task, to_come)
         self.write()
 
@@ -113,7 +122,7 @@ class ArchiveRecord:
 
     def rows_of(self, tasks: Iterable["Task"]) -> list[Row]:
         """The rows of these tasks."""
-        return [self._rows[task.results.path.name] for task in tasks if task.results.path.name in self._rows]
+        return [row for task in tasks if (row := self._row_of(task.results.path)) is not None]
 
     def write(self) -> None:
         """Replaces archive.json at once: a reader meets the old one or the new one."""
@@ -139,6 +148,13 @@ def _row(task: "Task", outcome: Outcome) -> Row:
         "seconds": outcome.seconds, "method_seconds": outcome.method_s, "worker": outcome.worker,
         "folder": task.results.path.name, **made_with(task), "input": outcome.source,
     }  # fmt: skip
+
+
+def _is_same(folder: Path, other: Path) -> bool:
+    try:
+        return folder.samefile(other)
+    except OSError:
+        return False
 
 
 def _newer(run: Path, result: Path) -> bool:

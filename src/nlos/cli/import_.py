@@ -37,7 +37,7 @@ def import_(
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
     said = given(wall_size_m, bin_width_ps, axes, rectified, detector)
-    targets = [output] if len(files) == 1 else [output / f"{name}.h5" for name in names_of(files)]
+    targets = [output] if len(files) == 1 else [output / f"{name}.h5" for name in names_of(files, output)]
     for file, target in zip(files, targets, strict=True):
         recording_target(target)
         refuse_own_input(target, files, "a file that is imported")

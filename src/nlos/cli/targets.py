@@ -1,19 +1,31 @@
 """Where a verb may write: names are looked at before anything is opened, measured or computed."""
 
+import os
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
+from nlos.names_for_one import folded, taken_for_one
 
 RECORDINGS = (".h5", ".hdf5")
 PICTURES = (".png", ".pdf", ".svg")
 PAGES = (".html", ".htm")
+LONGEST_NAME = 220
+"""Bytes. File systems take 255, and what is saved of a recording that somebody deletes has up to 29 more."""
 
 
 def recording_target(path: Path) -> Path:
     """`path`, a recording that is to be written. Raises `UsageError` for another kind of name or place."""
     _check_kind(path, RECORDINGS, "a recording")
+    if (length := len(os.fsencode(path.name))) > LONGEST_NAME:
+        raise UsageError(
+            f"{path.name[:40]}...: is a name of {length} bytes; files beside it get longer ones, so a recording's has "
+            f"{LONGEST_NAME} at most. Choose a shorter one."
+        )
+    if not path.stem.strip("."):
+        raise UsageError(f"{path}: has no name before {path.suffix}. Choose one.")
     _check_folder(path)
     return path
 
@@ -40,12 +52,15 @@ def refuse_own_input(target: Path, inputs: Iterable[Path | None], what: str) -> 
             raise UsageError(f"{target}: is {what}. Choose another name with -o.")
 
 
-def names_of(files: Sequence[Path]) -> list[str]:
-    """What is made of each of several files is named by its stem, where two have one by the whole name. Raises
-    `UsageError` for two of one name: one result would take the other's place."""
-    stems = [file.stem for file in files]
-    names = [file.stem if stems.count(file.stem) == 1 else file.name for file in files]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+def names_of(files: Sequence[Path], folder: Path) -> list[str]:
+    """What is made of each of several files in `folder` is named by its stem, where two have one by the whole name.
+    Raises `UsageError` for two of one name, or of two that the folder's disk takes for one: one result would take the
+    other's place."""
+    alike = folded if taken_for_one(folder, [word for file in files for word in (file.stem, file.name)]) else str
+    stems = Counter(alike(file.stem) for file in files)
+    names = [file.stem if stems[alike(file.stem)] == 1 else file.name for file in files]
+    held = Counter(map(alike, names))
+    if twice := sorted({name for name in names if held[alike(name)] > 1}):
         raise UsageError(f"{', '.join(twice)}: two files of one name. Take them one by one, into folders of their own.")
     return names
 
