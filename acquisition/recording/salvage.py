@@ -24,7 +24,7 @@ from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.same_scan import check_same_scan
 from nlos.acquisition.recording.validation import LONGEST_S
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
+from nlos.acquisition.recording.writer_lock import WriterLock, behind_link, clear_left_lock, is_locked
 from nlos.drivers.clock import Clock
 
 UNCUT = (
@@ -74,7 +74,7 @@ class EndedFilm:
 def end_film(path: Path) -> EndedFilm | None:
     """A film until it is stopped was: its recording becomes one of the frames that it has. None, and nothing is
     changed, where less than all points of the wall came once. Raises `StorageError`."""
-    path = _behind_link(path)
+    path = behind_link(path)
     lock = WriterLock(path)
     try:
         with Recording.open(path) as recording:
@@ -98,13 +98,9 @@ def end_film(path: Path) -> EndedFilm | None:
         lock.release()
 
 
-def _behind_link(path: Path) -> Path:
-    """The file itself: what is copied is renamed over it, and never over a link to it."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
-
-
 def _clear_beside(path: Path) -> None:
     """What a killed process left half done beside it, unless somebody writes it."""
+    path = behind_link(path)
     with suppress(StorageError):
         lock = WriterLock(path)
         try:
@@ -148,7 +144,7 @@ def resume(
     `ResumeRefused` where plan, constants or devices are not those of the recording, or with `same_run` its identity;
     `StorageError` where another process writes it, or where some of it cannot be read: then nothing is changed.
     """
-    path = _behind_link(path)
+    path = behind_link(path)
     lock = WriterLock(path)
     kept = None
     try:
@@ -175,6 +171,7 @@ def resume(
 def settle(path: Path, plan: ScanPlan) -> bool:
     """Whether the recording at `path` holds everything that `plan` asks for; then it says so itself from now on, also
     where it was killed after its last sample. Raises as `resume` does."""
+    path = behind_link(path)
     try:
         with open_checked(path) as recording:
             if recording.plan != plan or recording.missing():

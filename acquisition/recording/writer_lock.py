@@ -92,6 +92,11 @@ class WriterLock:
                 os.close(fd)
 
 
+def behind_link(path: Path) -> Path:
+    """The file itself: its lock is beside it, and what is copied is renamed over it, never over a link to it."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 def clear_left_lock(path: Path) -> None:
     """Removes the lock's file where a process that was killed left it; one that is held stays."""
     if lock_file(path).exists():
@@ -100,9 +105,10 @@ def clear_left_lock(path: Path) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a living process is writing the scan file `path`; not where there are no locks: nobody writes there."""
+    """Whether a living process is writing the scan file `path`, or the one that this is a link to; not where there are
+    no locks: nobody writes there."""
     try:
-        fd = os.open(lock_file(path), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+        fd = os.open(lock_file(behind_link(path)), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
     except OSError:
         return False
     try:

@@ -132,6 +132,27 @@ def test_a_writer_that_dies_ends_the_following(live: list[Sample], run_path: Pat
     writer.finish(Status.INTERRUPTED)
 
 
+def test_a_link_to_a_file_is_followed_through_the_pauses_of_its_scan(
+    live: list[Sample], run_path: Path, small_plan: Plans
+) -> None:
+    path, link, slept_s = run_path.with_name("followed.h5"), run_path.with_name("latest.h5"), [0.0]
+    writer = RecordingWriter.create(path, small_plan(), Header())
+    link.symlink_to(path.name)
+    writer.write(live[0])
+    writer.flush()
+
+    class Paused(VirtualClock):
+        def sleep(self, seconds: float) -> None:
+            super().sleep(seconds)
+            slept_s[0] += seconds
+            if slept_s[0] > 60 and writer.acknowledged == 1:
+                for sample in live[1:]:
+                    writer.write(sample)
+                writer.finish(Status.COMPLETE)
+
+    assert len(list(follow(link, clock=Paused()))) == len(live)
+
+
 def test_following_waits_for_the_file_no_longer_than_told(tmp_path: Path) -> None:
     clock = VirtualClock()
     with pytest.raises(TimeoutError, match="no recording to follow after 3 s"):
