@@ -9,6 +9,11 @@ def file_word(text: str) -> str:
     return re.sub(r"[^\w.]+", "-", text).strip("-.")[:60]
 
 
+def cut(word: str, most_bytes: int) -> str:
+    """Its beginning that fits into a name: disks count bytes, and letters of many languages have several."""
+    return word.encode("utf-8", "replace")[:most_bytes].decode("utf-8", "ignore")
+
+
 def own_word(name: str) -> str:
     """The same of a bench's name, and no other name's: where the word says it otherwise, a hash of the name ends it."""
     word = file_word(name)

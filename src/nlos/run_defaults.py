@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError, parse
-from nlos.drivers.file_word import file_word
+from nlos.drivers.file_word import cut, file_word
 from nlos.drivers.run_defaults import HookSettings, RunDefaults
 from nlos.drivers.state_folder import home_folder
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 CONFIG = "NLOS_CONFIG"
 """Environment variable: the folder of a person's own defaults; `~/.config/nlos` where it is not set."""
+LONGEST_NAME = 120
+"""Bytes of what a run is called, its time and number aside."""
 
 
 def own_defaults() -> RunDefaults:
@@ -69,11 +71,12 @@ def data_folder(bench: "BenchSettings | None" = None) -> Path | None:
 def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) -> Path:
     """What a scan without a name of its own is called: day, time, scan and sample, in the data folder by days. A time
     that comes twice, as clocks are set back, is numbered."""
-    folder, words = data_folder(bench), [word for word in (file_word(scan), file_word(sample)) if word]
+    folder, said = data_folder(bench), "-".join(word for word in (file_word(scan), file_word(sample)) if word)
+    words = cut(said, LONGEST_NAME)
     if folder is None:
-        name = Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
+        name = Path(f"{words}-{now:%Y%m%d-%H%M%S}.h5")
     else:
-        name = folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
+        name = folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{words}.h5"
     names = chain([name], (name.with_stem(f"{name.stem}-{number}") for number in count(2)))
     return next(each for each in names if not (os.path.lexists(each) or each.with_suffix("").exists()))
 

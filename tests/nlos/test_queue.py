@@ -221,6 +221,18 @@ def test_a_queue_that_cannot_be_carried_out_is_refused_before_the_first_scan(
     assert not list(tmp_path.glob("series/*.h5"))
 
 
+def test_runs_are_called_what_a_disk_takes(tmp_path: Path) -> None:
+    """Letters of many languages take several bytes each, and disks count those."""
+    scan = "\u65e5" * 60 + ".yaml"
+    (tmp_path / scan).write_text(SCAN)
+    queue = queue_file(tmp_path, runs=[{"scan": scan, "sample": "\u672c" * 60, "repeat": 2}])
+    series = Series.of(load_queue(queue))
+    for each in series.runs:
+        series.folder.mkdir(exist_ok=True)
+        series.recording(each).with_name(f"{each.name}.h5.rescued.0123456789abcdef.new").touch()
+    assert len({each.name for each in series.runs}) == 2
+
+
 def test_a_sweep_is_a_series_that_can_be_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     quick(tmp_path)
     (tmp_path / "scan.yaml").write_text(SCAN.replace("rows: 16, cols: 16", "rows: 2, cols: 2"))

@@ -98,6 +98,10 @@ def test_what_is_said_goes_before_bench_and_person(
     assert notes_for(bench, "cap", "", None, ["x"]) == RunNotes("cap", "", "mine", ("own", "table", "x"))
     now = datetime(2026, 3, 1, 14, 32, 5)
     assert dated_name(bench, "demo", "a b/c", now) == Path("/d/2026-03-01/143205-demo-a-b-c.h5")
+    long = dated_name(BENCH, "\u65e5\u672c\u8a9e" * 40, "\u65e5" * 90, now).name
+    assert len(long.encode()) < 150
+    assert long.startswith("\u65e5\u672c\u8a9e")
+    assert long.endswith("-20260301-143205.h5")
     assert dated_name(BENCH, "demo", "", now) == Path("demo-20260301-143205.h5")
     monkeypatch.chdir(tmp_path)
     for number in ("", "-2", "-3"):  # the hour that comes twice as summer time ends

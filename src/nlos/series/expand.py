@@ -15,9 +15,12 @@ from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import Loaded, find, load, parse
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.file_word import file_word
+from nlos.drivers.file_word import cut, file_word
 from nlos.run_defaults import notes_for
 from nlos.series.settings import MOST_RUNS, QueuedScan, QueueSettings
+
+LONGEST_NAME = 120
+"""Bytes of a run's name."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def expand(queue: Loaded[QueueSettings]) -> list[Run]:
         special = [f"{key.rpartition('.')[2]}-{value}" for key, value in changes.items()]
         words = [scan.path.stem, *special, notes.sample, f"again-{again}" if again > 1 else ""]
         name = "-".join([f"{number:0{digits}d}", *(file_word(str(each)) for each in words if each)])
-        runs.append(Run(name[:120], scan, bench, notes))
+        runs.append(Run(cut(name, LONGEST_NAME), scan, bench, notes))
     return runs
 
 
