@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import MOST_COUNTS, SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
-from nlos.recon.errors import InvalidData, NoLight, ReconstructionFailed
+from nlos.recon.errors import InvalidData, InvalidSettings, NoLight, ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_share import Explained
 from nlos.recon.gridding import confidence
@@ -56,9 +56,15 @@ def reconstruct(
         remedies = chosen.smaller(rebinned.wall, rebinned.time, free, told)
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
+    weights_sha256 = _weights_sha256(chosen)
     began = clock.perf_counter()
     made, planes_m, takes = _see(rebinned, method, chosen, device, say=True)
     seconds = clock.perf_counter() - began
+    if _weights_sha256(chosen) != weights_sha256:
+        raise InvalidSettings(
+            f"weights={getattr(chosen, 'weights', None)}: the file has changed while a picture was made by it, so "
+            "nobody knows by which. Take a copy of the file that a training writes, or call again."
+        )
     known = getattr(made, "intervals", None)
     result = Reconstruction(
         albedo=made.albedo.astype(np.float32),
@@ -68,7 +74,7 @@ def reconstruct(
         seconds=seconds,
         settings=chosen.model_dump(mode="json"),
         volume=None if made.volume is None else Volume(made.volume, planes_m, rebinned.wall),
-        weights_sha256=_weights_sha256(chosen),
+        weights_sha256=weights_sha256,
         intervals=None if known is None else Intervals(**known),
         confidence=confidence(rebinned.exposure_s),
         points=int(np.count_nonzero(rebinned.exposure_s > 0)),

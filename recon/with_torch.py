@@ -19,6 +19,7 @@ from nlos.recon.layers.placed import placed
 from nlos.recon.method import Method, MethodResult, sure, takes_response
 from nlos.recon.methods import find
 from nlos.recon.own_methods import defined_at, with_its_line
+from nlos.recon.weights.files import sha256_of
 
 Floats = npt.NDArray[np.float32]
 Depths = npt.NDArray[np.float64]
@@ -37,13 +38,13 @@ def see_by(
     """
     found = find(method)
     with with_its_line(method, found):
-        module = built(cast(Hashable, found), settings, transient.wall, transient.time)
+        module = _built(cast(Hashable, found), settings, transient)
         return *see(transient, module, device, defined_at(found, "forward")), takes_response(module)
 
 
 def get_ready_for(method: str, settings: Settings, transient: Transient) -> None:
     """Builds a method for such a transient; `see_by` then finds it built."""
-    built(cast(Hashable, find(method)), settings, transient.wall, transient.time)
+    _built(cast(Hashable, find(method)), settings, transient)
 
 
 def see(
@@ -112,9 +113,17 @@ def _wrong_numbers(made: MethodResult[torch.Tensor]) -> str:
     return ""
 
 
+def _built(method: Hashable, settings: Settings, transient: Transient) -> nn.Module:
+    """By the weights as they are now: a training that goes on has written others into the same file."""
+    named = (value for name in ("weights", "noise_weights") if (value := getattr(settings, name, None)) is not None)
+    return built(method, settings, transient.wall, transient.time, tuple(map(sha256_of, named)))
+
+
 @lru_cache(maxsize=6)  # three of each of two axes: those before a film is aligned are still in use just after it is
-def built(method: Hashable, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
-    """A method, kept for the next transient of the same shape. Raises `ReconstructionFailed`."""
+def built(
+    method: Hashable, settings: Settings, wall: WallGrid, time: TimeAxis, weights_sha256: tuple[str, ...]
+) -> nn.Module:
+    """A method, kept for the next transient of the same shape and weights. Raises `ReconstructionFailed`."""
     module: object = cast(Method, method).build(settings, wall, time)
     if not isinstance(module, nn.Module):
         what = f"build returned {type(module).__name__}, not an nn.Module"

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
+from safetensors.torch import load as from_bytes
 from safetensors.torch import save as as_bytes
 from torch import nn
 
-from nlos.acquisition.recording.disk_refusal import told_of
+from nlos.acquisition.recording.disk_refusal import disk_refusal, told_of
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.weights.foreign import SUFFIXES, ForeignWeightsError, read_foreign
@@ -26,6 +27,8 @@ OWN_FOLDER = Path(__file__).resolve().parent
 STUDIES = OWN_FOLDER.parents[1] / "studies" / "weights"
 """Weights that only the pages about results need: in a clone of the repository, not in the package."""
 SHOWN = 5
+MOST_HEADER_BYTES = 100_000_000
+"""As safetensors itself has it."""
 AnyModule = TypeVar("AnyModule", bound=nn.Module)
 
 
@@ -63,20 +66,18 @@ def place_of(name: str) -> Path:
 
 
 def read_weights(path: Path) -> Weights:
-    """Raises WeightsError if the file is not a whole safetensors file (or one of PyTorch's own, `foreign_weights`)."""
+    """Raises WeightsError if the file is not a whole safetensors file (or one of PyTorch's own, `foreign_weights`),
+    `StorageError` where the disk does not give it."""
     if path.suffix in SUFFIXES:
         try:
             return Weights(read_foreign(path), {})
         except ForeignWeightsError as error:
             raise WeightsError(str(error)) from error
     try:
-        path.open("rb").close()  # safetensors calls every file that it may not read one that is not there
-        with safe_open(path, framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-            about = json.loads((file.metadata() or {}).get("about", "{}"))
+        whole = path.read_bytes()  # safetensors maps files: one that is cut while it is read would end this process
+        return Weights(from_bytes(whole), _about(_header(whole[:8], whole[8:])))
     except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"{path} is not a readable safetensors file ({error}). Copy or train it again.") from error
-    return Weights(tensors, about)
+        raise _unreadable(path, error) from error
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -84,12 +85,9 @@ def read_about(path: Path) -> dict[str, Any]:
     if path.suffix in SUFFIXES:
         return {}
     try:
-        path.open("rb").close()
-        with safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {}).get("about", "{}"))
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"{path} is not a readable safetensors file ({error}). Copy or train it again.") from error
-    return about if isinstance(about, dict) else {}
+        return _about(_header_of(path))
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
 
 
 def is_training_state(path: Path) -> bool:
@@ -97,10 +95,43 @@ def is_training_state(path: Path) -> bool:
     if path.suffix in SUFFIXES:
         return False
     try:
-        with safe_open(path, framework="pt") as file:
-            return any(name.startswith("average/") for name in file.keys())  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError):
+        return any(name.startswith("average/") for name in _header_of(path))
+    except (OSError, ValueError):
         return False
+
+
+def _header_of(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        size = file.read(8)
+        return _header(size, file.read(min(int.from_bytes(size, "little"), MOST_HEADER_BYTES)))
+
+
+def _header(size: bytes, rest: bytes) -> dict[str, Any]:
+    """What a safetensors file says of its tensors, by name, and of itself (`__metadata__`): JSON behind its length in
+    8 bytes (github.com/huggingface/safetensors, "Format"). Raises ValueError."""
+    length = int.from_bytes(size, "little")
+    if len(size) < 8 or not 0 < length <= min(len(rest), MOST_HEADER_BYTES):
+        raise ValueError("it is cut short, or of another kind")
+    try:
+        found = json.loads(rest[:length])
+    except RecursionError as error:
+        raise ValueError("it is nested beyond reading") from error
+    if not isinstance(found, dict):
+        raise ValueError("it is of another kind")
+    return found
+
+
+def _about(header: Mapping[str, Any]) -> dict[str, Any]:
+    said = header.get("__metadata__")
+    about = json.loads(str(said.get("about", "{}"))) if isinstance(said, dict) else {}
+    return about if isinstance(about, dict) else {}
+
+
+def _unreadable(path: Path, error: Exception) -> Exception:
+    """What the disk does not give says nothing of the file."""
+    return disk_refusal(path, error) or WeightsError(
+        f"{path} is not a readable safetensors file ({error}). Copy or train it again."
+    )
 
 
 def refuse_training_state(path: Path) -> None:

@@ -3,18 +3,22 @@
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidSettings
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import make_scene, surfels
+from nlos.recon.weights import files
 from nlos.recon.weights.files import save
 from tests.recon.methods.one_point import shell
 
@@ -205,6 +209,47 @@ def test_a_reconstruction_names_the_weights_it_was_made_with(tmp_path: Path) -> 
     done = reconstruct(transient, "nano", SMALL | {"weights": str(path)})
     assert done.weights_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert reconstruct(transient, "lct").weights_sha256 is None
+
+    other = {name: 0.9 * tensor for name, tensor in network().named_parameters()}
+    save(path, other, {})  # as a training that goes on does
+    again = reconstruct(transient, "nano", SMALL | {"weights": str(path)})
+    assert again.weights_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert not np.array_equal(again.albedo, done.albedo)
+
+
+def test_weights_that_change_while_a_picture_is_made_by_them_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, one = tmp_path / "small.safetensors", dict(network().named_parameters())
+    save(path, one, {})
+    transient = Transient(shell(WALL, TIME)[0, 0].numpy(), np.ones((16, 16)), WALL, TIME)
+    put = files.put_weights
+
+    def put_while_a_training_writes(*given: Any) -> None:
+        put(*given)
+        save(path, one, {"samples": 2})
+
+    monkeypatch.setattr(files, "put_weights", put_while_a_training_writes)
+    with pytest.raises(InvalidSettings, match="has changed while a picture was made"):
+        reconstruct(transient, "nano", SMALL | {"weights": str(path)})
+
+
+def test_weights_that_are_cut_while_they_are_read_end_no_process(tmp_path: Path) -> None:
+    """Of a mapped file that ends early the system tells by a signal, which nothing survives."""
+    path = tmp_path / "small.safetensors"
+    save(path, {"a": torch.zeros(100)}, {"samples": 2})
+    whole = path.read_bytes()
+    assert files.read_about(path) == {"samples": 2}
+    for size in (0, 7, 8, 20, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        with pytest.raises(files.WeightsError, match="not a readable safetensors file"):
+            files.read_weights(path)
+    path.unlink()
+    path.symlink_to("/proc/self/mem")  # of which the first byte is an error of the disk's
+    if path.exists():
+        for read in (files.read_weights, files.read_about):
+            with pytest.raises(StorageError, match="says nothing about what is in it"):
+                read(path)
 
 
 def test_the_weights_that_ship_see_a_point_where_it_is_in_any_count_unit() -> None:
