@@ -13,6 +13,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from nlos.configs.kinds import Kind, called, not_text, of_another_kind
+from nlos.configs.read_whole import read_whole
 from nlos.configs.settings import Settings
 
 Model = TypeVar("Model", bound=Settings)
@@ -60,12 +61,9 @@ def find(kind: Kind, word: str) -> Path:
 
 
 def load(kind: Kind, word: str, model: type[Model]) -> Loaded[Model]:
-    """The settings in the file that `word` means. Raises `ConfigError`."""
+    """The settings in the file that `word` means. Raises `ConfigError`, and `ConfigNotRead` where its disk fails."""
     path = find(kind, word)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    raw = read_whole(path)
     if foreign := not_text(kind, raw):
         raise ConfigError(f"{path}: {foreign}")
     if len(raw) > MAX_BYTES:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError, parse
+from nlos.configs.read_whole import read_whole
 from nlos.drivers.file_word import cut, file_word
 from nlos.drivers.run_defaults import HookSettings, RunDefaults
 from nlos.drivers.state_folder import home_folder
@@ -24,13 +25,13 @@ LONGEST_NAME = 120
 
 
 def own_defaults() -> RunDefaults:
-    """`defaults.yaml` in that folder; nothing where there is none. Raises `ConfigError`."""
+    """`defaults.yaml` in that folder; nothing where there is none. Raises as `configs.load.load`."""
     try:
         path = Path(os.environ.get(CONFIG) or home_folder() / ".config" / "nlos") / "defaults.yaml"
-        text = path.read_text(encoding="utf-8")
+        text = read_whole(path).decode("utf-8")
     except FileNotFoundError:  # whoever has no home has no defaults either
         return RunDefaults()
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     return parse(text, str(path), RunDefaults)
 

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
+from nlos.cli.exit_codes import ExitCode, exit_code
 from nlos.configs.kinds import Kind
 from nlos.configs.load import ConfigError, find, load, parse
+from nlos.configs.read_whole import ConfigNotRead
 from nlos.configs.settings import Settings
 
 
@@ -104,6 +106,17 @@ def test_any_text_is_read_or_refused(text: str) -> None:
     else:
         return
     assert message.startswith("demo.yaml:")
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="no file whose first byte is an error of the disk's")
+def test_a_disk_that_fails_says_nothing_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "bench.yaml"
+    path.symlink_to("/proc/self/mem")
+    with pytest.raises(
+        ConfigNotRead, match=r"bench\.yaml: cannot be read \(Input/output error\).*sound disk"
+    ) as raised:
+        load("bench", str(path), Demo)
+    assert exit_code(raised.value) is ExitCode.STORAGE
 
 
 def test_a_path_wins_over_a_name_and_an_unknown_name_lists_the_known_ones(tmp_path: Path) -> None:

@@ -64,6 +64,7 @@ def exit_code(error: BaseException) -> ExitCode:
     import nlos.drivers.errors
     import nlos.recon.errors
     from nlos.configs.load import ConfigError
+    from nlos.configs.read_whole import ConfigNotRead
 
     table: list[tuple[type[BaseException] | tuple[type[BaseException], ...], ExitCode]] = [
         (KeyboardInterrupt, ExitCode.INTERRUPTED),
@@ -81,7 +82,7 @@ def exit_code(error: BaseException) -> ExitCode:
         ((nlos.drivers.errors.LimitError, nlos.drivers.errors.SafetyTrip), ExitCode.REFUSED),
         ((nlos.drivers.errors.DeviceTimeout, TimeoutError), ExitCode.DEADLINE),
         (nlos.drivers.errors.DeviceError, ExitCode.DEVICE),
-        ((nlos.acquisition.errors.StorageError, FileExistsError), ExitCode.STORAGE),
+        ((nlos.acquisition.errors.StorageError, ConfigNotRead, FileExistsError), ExitCode.STORAGE),
         (nlos.acquisition.errors.InvalidData, ExitCode.DATA),
         ((nlos.recon.errors.ReconstructionFailed, MemoryError), ExitCode.RECONSTRUCTION),
     ]

@@ -14,6 +14,7 @@ from nlos.acquisition.planning.scan_settings import UNTIL_STOPPED, ScanSettings
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import Loaded, find, load, parse
+from nlos.configs.read_whole import read_whole
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.file_word import cut, file_word
 from nlos.run_defaults import notes_for
@@ -83,7 +84,7 @@ def changed(word: str, changes: Mapping[str, Any]) -> Loaded[ScanSettings]:
         return load("scan", word, ScanSettings)
     path = find("scan", word)
     load("scan", word, ScanSettings)  # what is wrong with the file itself is said first, with its lines
-    content: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content: dict[str, Any] = yaml.safe_load(read_whole(path).decode("utf-8"))
     for key, value in changes.items():
         *blocks, last = key.split(".")
         block = content
