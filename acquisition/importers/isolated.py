@@ -24,6 +24,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
 from nlos.acquisition.importers.magic import check_is_file
+from nlos.acquisition.importers.unchanged import unchanged
 from nlos.acquisition.response import from_json
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
@@ -69,9 +70,9 @@ class IsolatedReader:
         self._child: subprocess.Popen[str] | None = None
 
     def read(self, path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:
-        """As `formats.read_any`. Raises `InvalidData` also where the reader crashed or ran out of time or memory;
-        with `describe`, `NoScan` for a file that holds something else."""
-        with tempfile.TemporaryDirectory(prefix="nlos-import-") as folder:
+        """As `formats.read_any`. Raises `InvalidData` also where the reader crashed or ran out of time or memory,
+        `StorageError` where the file changes meanwhile; with `describe`, `NoScan` for one that holds something else."""
+        with tempfile.TemporaryDirectory(prefix="nlos-import-") as folder, unchanged(path):
             answer = self._ask(path, {"given": asdict(given), "folder": folder, "describe": describe})
             return _load(Path(folder), answer)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.unchanged import unchanged
 from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, KnownDirect, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.impulse_response import ImpulseResponse
     from nlos.recon.volume import Reconstruction
-
 
 log = logging.getLogger(__name__)
 
@@ -290,7 +290,8 @@ def reconstruct_file(
     results.check()
     stage(FIRST_STAGE)
     frames = None if frame is None else range(frame, frame + 1)
-    scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
+    with unchanged(run, grows=True):
+        scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
     made = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
     limited = made if results.depth_m is None else within_depths(made, *results.depth_m)
     result = replace(limited, scan=escaped(run.name), frame=frame)

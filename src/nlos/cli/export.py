@@ -16,6 +16,7 @@ from nlos.acquisition.exporters.scan_arrays import ScanArrays, Scanner, arrays_o
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.isolated import check_isolated, read_isolated
 from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.importers.unchanged import unchanged
 from nlos.acquisition.recording.frames import ended_plan
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.errors import InvalidData as InvalidCalibration
@@ -75,6 +76,7 @@ def export(
     left_behind = {}
     with ExitStack() as together:  # a format that cannot be written leaves none of the others either
         partials = {word: together.enter_context(whole_file(target)) for word, target in targets.items()}
+        together.enter_context(unchanged(run, grows=True))  # nor do formats that are not of one scan
         film = _film(run, method or "lct", words) if set(words) & set(FILM_FORMATS) else None
         for word, target in targets.items():
             partial = partials[word]

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.importers.unchanged import unchanged
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.errors import CalibrationError
 from nlos.chain import constants_for
@@ -58,11 +59,12 @@ def _one(
     run: Path, methods: Sequence[str], knows_falloff: dict[str, bool], among_others: bool
 ) -> tuple[list["Reconstruction"], str]:
     """The pictures of one scan, and its part of the page."""
-    with open_checked(run) as recording:
-        said = scan_part(recording)
+    with unchanged(run, grows=True):
+        with open_checked(run) as recording:
+            said = scan_part(recording)
+        scan = load_scan(run)
     made: list[Reconstruction] = []
     quality = calibration = trouble = ""
-    scan = load_scan(run)
     try:
         transient, quality, calibration = calibrated(scan, constants_for(scan, None))
         for method in methods:
