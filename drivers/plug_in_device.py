@@ -2,7 +2,7 @@
 light, and whatever it raises becomes a device error, which every way out of a scan knows."""
 
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, is_dataclass, replace
 from functools import partial, wraps
@@ -114,15 +114,33 @@ class _Blamed:
         if lacking:
             words = ", ".join(lacking)
             raise self._fault(f"its driver {type(made).__name__} lacks {words}, which a {protocol.__name__} has.")
-        for name in (each for each in dir(type(made)) if not each.startswith("_")):
-            if callable(getattr(type(made), name)):
-                judge = partial(_judge, name, _kind(protocol, name), misfit)
-                with suppress(AttributeError):  # a class with slots: its errors are told as they come
-                    setattr(made, name, self.of(getattr(made, name), judge))
+        judged = {
+            name: self.of(getattr(made, name), partial(_judge, name, _kind(protocol, name), misfit))
+            for name in dir(type(made))
+            if not name.startswith("_") and callable(getattr(type(made), name))
+        }
+        try:
+            _put(made, judged)
+        except (AttributeError, TypeError) as error:
+            raise self._fault(
+                f"its driver {type(made).__name__} takes no other methods ({error}), so nobody could judge what it "
+                "hands over: a class written in Python is needed."
+            ) from error
         return made
 
     def _fault(self, what: str) -> DeviceFault:
         return DeviceFault(self._model, what, f"Update {self._package}, or tell its authors.")
+
+
+def _put(made: object, methods: Mapping[str, Callable[..., Any]]) -> None:
+    """In the place of its own: in the device itself or, where that takes none, as with slots or frozen, in a class of
+    its own. Raises `AttributeError` or `TypeError` where neither is possible."""
+    try:
+        for name, method in methods.items():
+            setattr(made, name, method)
+    except AttributeError:
+        kept = {name: staticmethod(method) for name, method in methods.items()}
+        object.__setattr__(made, "__class__", type(type(made).__name__, (type(made),), {"__slots__": (), **kept}))
 
 
 def _lacks(made: object, name: str, promised: object) -> bool:

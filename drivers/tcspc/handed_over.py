@@ -10,6 +10,10 @@ from nlos.drivers.plug_in_device import Misfit
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 _MOST = np.iinfo(np.uint32).max
+_WHY_NOT_LIVE = (
+    HistogramFlag.STOPPED_EARLY | HistogramFlag.SYNC_LOST | HistogramFlag.OVERRUN | HistogramFlag.TRIGGER_MISSED
+    | HistogramFlag.DATA_LOST
+)  # fmt: skip
 
 
 def answers_misfit() -> Misfit:
@@ -52,7 +56,11 @@ def _misfit(read: Any, axis: HistogramAxis) -> str:
         return f"bin_width_s is {read.bin_width_s:g}, configured were {axis.bin_width_s:g} s"
     if not isinstance(flags, HistogramFlag):
         return f"flags are {type(flags).__name__}, must be HistogramFlag"
-    return _negative(read, "live_time_s", "sync_count", "total_count", "gate_opened_s")
+    if wrong := _negative(read, "live_time_s", "sync_count", "total_count", "gate_opened_s"):
+        return wrong
+    if read.live_time_s == 0 and not flags & _WHY_NOT_LIVE:  # a night of such points holds no rates, and no picture
+        return "live_time_s is 0, how long photons were accepted, and no flag says that the point was lost"
+    return ""
 
 
 def _negative(of: Any, *names: str) -> str:

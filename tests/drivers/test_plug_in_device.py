@@ -34,6 +34,8 @@ from nlos.drivers.tcspc.known_counters import COUNTERS
 AXIS = HistogramAxis(8, 1e-11)
 READ = Histogram(np.ones(8, np.uint32), 1e-11, 0.0, 1e-3, 10000, 8, HistogramFlag.NONE, 0.0)
 
+OF_EVERY_INSTANCE = ("__dict__", "__weakref__")
+
 
 class OwnError(Exception):
     """An error of the package's own."""
@@ -120,6 +122,7 @@ def test_a_call_that_it_does_not_take_is_its_fault() -> None:
         ([replace(READ, counts=READ.counts.astype(np.uint64) << 33)], "counts from 8589934592"),
         ([replace(READ, bin_width_s=10.0)], "bin_width_s is 10, configured were 1e-11 s"),
         ([replace(READ, live_time_s=np.nan)], "live_time_s is nan, must be a number from 0"),
+        ([replace(READ, live_time_s=0.0)], "live_time_s is 0, .*no flag says that the point was lost"),
         ([replace(READ, flags=0)], "flags are int, must be HistogramFlag"),  # type: ignore[arg-type]
     ],
 )
@@ -128,6 +131,43 @@ def test_histograms_that_cannot_be_counts_are_never_recorded(read: Any, why: str
     counter.configure(AXIS, None)
     with pytest.raises(DeviceFault, match=f"its driver's answer to read: {why}"):
         counter.read(0, 1)
+
+
+def test_a_point_that_is_said_to_be_lost_has_no_live_time() -> None:
+    lost = replace(READ, live_time_s=0.0, flags=HistogramFlag.DATA_LOST)
+    counter = opened(HistogramCounter, configure=lambda axis, stop=None: None, read=lambda first, count: [lost])
+    counter.configure(AXIS, None)
+    assert counter.read(0, 1) == [lost]
+
+
+@pytest.mark.parametrize(
+    "closed", [{"__slots__": ("_at",)}, {"__setattr__": raises(AttributeError("cannot assign to field"))}]
+)
+def test_a_class_with_slots_or_one_that_is_frozen_is_held_too(closed: dict[str, object]) -> None:
+    names = {name: each for name, each in vars(type(device(GalvoMirror))).items() if name not in OF_EVERY_INSTANCE}
+    kind: Any = type("AcmeMirror", (), names | closed | {"move_to": raises(OwnError("E17."))})
+    assert hasattr(kind(), "__dict__") == ("__slots__" not in closed)
+    model: DeviceModel[Any] = replace(next(iter(MIRRORS.values())), open=lambda *given: kind())
+    mirror = held(model, Contract(GalvoMirror), "acme-optics").open(None, SystemClock(), None, None)
+    assert isinstance(mirror, kind)  # its shutter may ask for it
+    with pytest.raises(DeviceFault, match=r"OwnError at .*: E17\."):
+        mirror.move_to(None)
+    with pytest.raises(DeviceFault, match="answer to settle_s: None, no number"):
+        mirror.settle_s(None, None)
+
+
+def test_what_takes_no_other_methods_is_refused_before_there_is_light() -> None:
+    class Slotted:
+        __slots__ = ()
+
+        def __setattr__(self, name: str, value: object) -> None:
+            raise TypeError("immutable")
+
+    names = {name: each for name, each in vars(type(device(GalvoMirror))).items() if name not in OF_EVERY_INSTANCE}
+    made = type("AcmeMirror", (Slotted,), names | {"__slots__": ()})()
+    model: DeviceModel[Any] = replace(next(iter(MIRRORS.values())), open=lambda *given: made)
+    with pytest.raises(DeviceFault, match=r"AcmeMirror takes no other methods .* class written in Python is needed"):
+        held(model, Contract(GalvoMirror), "acme-optics").open(None, SystemClock(), None, None)
 
 
 def test_one_array_for_several_points_is_never_recorded() -> None:
