@@ -221,7 +221,8 @@ class Usb488:
         buffer = self._buffers.get(room)
         if buffer is None:
             buffer = self._buffers[room] = array.array("B", bytes(room))
-        got = self._read_slice(buffer, deadline_s)
+        # The zero-length packet of an earlier transfer may come late; it holds nothing, and the answer comes after it.
+        got = self._read_slice(buffer, deadline_s) or self._read_slice(buffer, deadline_s)
         view = memoryview(buffer)
         try:
             announced, end = decode_response(

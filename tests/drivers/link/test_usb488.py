@@ -53,6 +53,28 @@ def test_a_missing_zero_length_packet_costs_a_moment_not_the_answer(cable: Calla
     check_usable(rig)
 
 
+class LateEmptyPackets(SimulatedUsb):
+    """Whose zero-length packets come with the next transfer."""
+
+    left = 0
+
+    def bulk_read(self, *given: Any) -> int:
+        self.left -= 1
+        return 0 if self.left >= 0 else super().bulk_read(*given)
+
+
+def test_a_zero_length_packet_of_an_earlier_transfer_is_no_answer(cable: Callable) -> None:
+    """Of a stream that is told once the answer could not be asked for again."""
+    rig = cable()
+    rig.backend.__class__, rig.backend.left = LateEmptyPackets, 1
+    assert rig.link.ask(b"500", 1.0) == rig.said(500)
+    assert rig.parrot.messages == [b"500"]
+    rig.backend.left = 2
+    with pytest.raises(ProtocolError, match="the first packet holds 0 bytes"):
+        rig.link.ask(b"37", 1.0)
+    check_usable(rig)
+
+
 @pytest.mark.parametrize("pad", [0, 1, 2, 3])
 def test_padding_is_trimmed_whatever_it_holds(cable: Callable, pad: int) -> None:
     rig = cable(fault("U8", ALWAYS, bytes=pad))
