@@ -84,6 +84,20 @@ def test_nobody_to_cover_the_detector_calls_nothing_dark(
     assert said["closed_cps"] == pytest.approx(600, rel=0.2)
 
 
+def test_a_point_that_was_spoilt_is_taken_again_as_in_a_scan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = yaml.safe_load(bench_file(tmp_path).read_text("utf-8"))
+    faults = [{"name": "U15", "skip": skip, "parameters": {"what": "missed"}} for skip in (3, 40)]
+    for times, code in ((1, 0), (3, 3)):
+        document["simulation"]["faults"] = [each | {"times": times} for each in faults]
+        (tmp_path / "spoilt.yaml").write_text(yaml.safe_dump(document))
+        assert run(["calibrate", "--first-light", "--bench", str(tmp_path / "spoilt.yaml")]) == code
+        said = capsys.readouterr()
+        assert said.err.count("a point came back as TRIGGER_MISSED and is taken again") == 2
+        assert ("delay " in said.out) == (code == 0)
+
+
 def test_a_dead_channel_and_a_dark_laser_are_no_pass(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """Short measurements at one place: gates started by the host, and when light arrives in them."""
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
 from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, PointGates
+
+log = logging.getLogger(__name__)
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 _AXES = ((1024, 16.0), (1024, 32.0), (1024, 20.0), (1024, 40.0), (1024, 64.0), (1024, 80.0))
@@ -43,19 +46,27 @@ def axis_of(bench: Bench) -> HistogramAxis:
     raise refused
 
 
-def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Histogram]:
+def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0, attempts: int = 1) -> list[Histogram]:
     """One gate after the other where the beam is; the counter must be configured. `number`: of the first one. Raises
-    `DeviceFault` for a gate that no scan would keep."""
-    counter = bench.counter
-    counter.arm(PointGates(dwells_s, range(number, number + len(dwells_s))))
-    taken = []
-    for index, dwell_s in enumerate(dwells_s):
-        counter.trigger()
-        counter.wait_points(index + 1, timeout_s=dwell_s + _GRACE_S)
-        taken += counter.read(index, 1)
-        if spoilt := taken[-1].flags & SPOILT:
-            remedy = "Check its cable; plug it into a port of its own."
-            raise DeviceFault(counter.identity.model, f"a point came back as {spoilt.name}.", remedy)
+    `DeviceFault` for a gate that no scan would keep, in each of so many `attempts`."""
+    counter, left = bench.counter, attempts
+    taken: list[Histogram] = []
+    while len(taken) < len(dwells_s):
+        dwells, first = dwells_s[len(taken) :], number + len(taken)
+        counter.arm(PointGates(dwells, range(first, first + len(dwells))))
+        for index, dwell_s in enumerate(dwells):
+            counter.trigger()
+            counter.wait_points(index + 1, timeout_s=dwell_s + _GRACE_S)
+            (read,) = counter.read(index, 1)
+            spoilt, left = read.flags & SPOILT, left - 1
+            if spoilt and left == 0:
+                remedy = "Check its cable; plug it into a port of its own."
+                raise DeviceFault(counter.identity.model, f"a point came back as {spoilt.name}.", remedy)
+            if spoilt:
+                log.warning("a point came back as %s and is taken again", spoilt.name)
+                counter.abort()
+                break
+            taken, left = [*taken, read], attempts
     return taken
 
 

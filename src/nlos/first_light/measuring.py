@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nlos.acquisition.digits import plus_minus
 from nlos.acquisition.direct_peak import DirectPeak, direct_peak
 from nlos.acquisition.planning.preflight import PILE_UP, aim_of
+from nlos.acquisition.scanning.left_to_take import ATTEMPTS
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.doctor.area import WallArea, angles_of, area_of
 from nlos.doctor.gates import gates
@@ -192,7 +193,7 @@ def _fine_fwhm(bench: Bench, time_s: float) -> float | None:
 
 def _taken(bench: Bench, number: int) -> tuple[npt.NDArray[np.int64], Rate]:
     """Counts (T,) and rate where the beam is, in the light. Raises `SafetyTrip` where that is too much of it."""
-    taken = gates(bench, [_PLACE_S / _GATES] * _GATES, number)
+    taken = gates(bench, [_PLACE_S / _GATES] * _GATES, number, ATTEMPTS)
     for each in taken:
         bench.shutter.watch(each)
     live_s = sum(each.live_time_s for each in taken)
@@ -201,7 +202,7 @@ def _taken(bench: Bench, number: int) -> tuple[npt.NDArray[np.int64], Rate]:
 
 
 def _rate(bench: Bench, number: int) -> Rate:
-    taken = gates(bench, [_DARK_S / _GATES] * _GATES, number)
+    taken = gates(bench, [_DARK_S / _GATES] * _GATES, number, ATTEMPTS)
     return Rate.of(sum(each.total_count for each in taken), sum(each.live_time_s for each in taken))
 
 
