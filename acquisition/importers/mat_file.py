@@ -57,7 +57,8 @@ def shapes_of(path: Path) -> dict[str, tuple[int, ...]]:
     if is_hdf5(path):
         with open_hdf5(path) as file:
             found = {name: find_dataset(file, name) for name in file}
-            return {name: tuple(reversed(item.shape)) for name, item in found.items() if item is not None}
+            held = {name: item for name, item in found.items() if item is not None}
+            return {name: (0, 0) if item.shape is None else item.shape[::-1] for name, item in held.items()}
     try:
         return {name: tuple(int(n) for n in shape) for name, shape, _ in scipy.io.whosmat(str(path))}
     except (scipy.io.matlab.MatReadError, *_BROKEN) as error:
@@ -87,7 +88,7 @@ def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> A
             dataset = find_dataset(file, key)
             if dataset is None:
                 raise InvalidData(f"{path}: {key}: is not an array")
-            return read_array(dataset, len(dataset.shape)).T
+            return read_array(dataset, len(dataset.shape or ())).T
     size = int(np.prod([int(n) for n in shapes[key]], dtype=object)) * 8
     # zlib expands at most about 1032 times, so a header that promises more than that is a lie.
     if size > MAX_BYTES or size > 1100 * 8 * path.stat().st_size:

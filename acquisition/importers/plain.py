@@ -35,7 +35,8 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
                 f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}. "
                 f"{how_to_convert()}"
             )
-        counts = read_array(stored, len(stored.shape) if len(stored.shape) in (2, 4, 5) else 3)
+        dimensions = len(stored.shape or ())
+        counts = read_array(stored, dimensions if dimensions in (2, 4, 5) else 3)
         beside = {name: held for name in KNOWN if (held := _beside(path, file, stored, name)) is not None}
         said = {name for name in stored.attrs if name not in _OF_HDF5}
         others = tuple({*file.keys(), *file.attrs.keys(), *said} - {dataset, *KNOWN})

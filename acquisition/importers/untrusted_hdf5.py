@@ -103,6 +103,8 @@ def read_everything(path: Path) -> None:
 def read_array(dataset: h5py.Dataset, dimensions: int) -> npt.NDArray[np.generic]:
     """All of `dataset`, after its type, dimensions and size were checked. Raises `InvalidData`."""
     place = f"{dataset.file.filename}: {dataset.name.lstrip('/')}"
+    if dataset.shape is None:
+        raise InvalidData(f"{place}: is empty: it has a type and holds no value. Write the numbers themselves.")
     if dataset.dtype.kind not in "uifb":
         raise InvalidData(f"{place}: holds {dataset.dtype}, not numbers")
     if len(dataset.shape) != dimensions:

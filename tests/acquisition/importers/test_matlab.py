@@ -92,6 +92,17 @@ def test_version_73_files_have_their_axes_reversed(tmp_path: Path) -> None:
     assert "USTC" in scan.source_format
 
 
+@pytest.mark.parametrize("name", ["meas", "bin_resolution", "wall_size"])
+def test_a_variable_of_version_73_that_holds_no_value_is_told_as_such(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "scan.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["meas"], file["bin_resolution"], file["wall_size"] = np.ones((64, 4, 4)), 32e-12, 2.0
+        del file[name]
+        file[name] = h5py.Empty("f8")
+    with pytest.raises(InvalidData, match=name):
+        read_matlab(path)
+
+
 def test_other_contents_are_refused_by_name(tmp_path: Path) -> None:
     savemat(tmp_path / "other.mat", {"picture": np.ones((2, 2))})
     with pytest.raises(InvalidData, match="picture"):

@@ -57,6 +57,18 @@ def test_wrong_shape_text_and_missing_dataset_are_refused(tmp_path: Path) -> Non
         read_plain(tmp_path / "text.h5")
 
 
+@pytest.mark.parametrize("beside", [{}, {"x_m": np.zeros(4), "y_m": np.zeros(4)}])
+def test_a_dataset_that_holds_no_value_is_told_as_such(tmp_path: Path, beside: dict[str, object]) -> None:
+    """HDF5's null dataspace, which has no shape at all."""
+    path = tmp_path / "plain.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"] = 32e-12, 1.0
+        for name, value in {"histograms": h5py.Empty("u2"), **beside}.items():
+            file[name] = value
+    with pytest.raises(InvalidData, match=r"histograms: is empty: it has a type and holds no value"):
+        read_plain(path)
+
+
 def test_links_out_of_the_file_are_not_followed(tmp_path: Path) -> None:
     inner = write(tmp_path / "inner.h5", np.ones((2, 2, 5), np.uint8))
     with h5py.File(tmp_path / "outer.h5", "w") as file:
