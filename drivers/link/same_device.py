@@ -2,7 +2,8 @@
 
 A program that has found its instrument at a port keeps to that adapter as long as it runs, wherever it is: a shutter on
 a mirror controller is closed at /dev/ttyUSB1, too, and nothing is said to whoever is at /dev/ttyUSB0 since. From one
-program to the next only the bench file can tell, by a name under /dev/serial/by-id.
+program to the next only the bench file can tell, by a name under /dev/serial/by-id. Cheap adapters have no serial
+number: they are told apart by the socket that they are plugged into, and named under /dev/serial/by-path.
 """
 
 import os
@@ -10,6 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nlos.drivers.errors import WrongDevice
+
+_AT = "at "
+"""Before a socket: no serial number begins so."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,14 @@ class PortInfo:
     serial_number: str
     vendor_id: int = 0
     """Of the USB device behind it; 0 where there is none."""
+    socket: str = ""
+    """Where on the computer that is plugged in; empty where the system does not say."""
 
     @property
     def adapter(self) -> tuple[int, str] | None:
-        """What tells it from all others; None where it has no serial number, as cheap adapters have none."""
-        return (self.vendor_id, self.serial_number) if self.serial_number else None
+        """What tells it from all others: its serial number or, of those that have none, its socket."""
+        told_by = self.serial_number or (self.socket and f"{_AT}{self.socket}")
+        return (self.vendor_id, told_by) if told_by else None
 
 
 _found_at: dict[str, tuple[int, str]] = {}
@@ -49,8 +56,8 @@ def port_of(device: str, url: str, ports: Sequence[PortInfo]) -> str:
     elsewhere = [each.port for each in ports if each.adapter == meant]
     if len(elsewhere) == 1:
         return elsewhere[0]
-    if there is None:
-        return url
+    if there is None or (meant[1].startswith(_AT) and not there.serial_number):
+        return url  # plugged into another socket, perhaps: who answers is asked in any case
     raise WrongDevice(
         device,
         f"another adapter is at {url} (serial number {there.serial_number or 'unknown'}) than before ({meant[1]}).",

@@ -37,7 +37,7 @@ _QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
 def available_ports() -> list[PortInfo]:
     """The serial ports of this computer."""
     found = sorted(list_ports.comports())
-    return [PortInfo(p.device, p.description or "", p.serial_number or "", p.vid or 0) for p in found]
+    return [PortInfo(p.device, p.description or "", p.serial_number or "", p.vid or 0, p.location or "") for p in found]
 
 
 class SerialLine:

@@ -22,8 +22,10 @@ from nlos.configs.load import ConfigError, load, names, parse
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.known_mirrors import MIRRORS
+from nlos.drivers.link.same_device import PortInfo
 from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.known_counters import COUNTERS
+from nlos.new_bench import detection
 from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
 from nlos.new_bench.hints import HINTS
@@ -295,3 +297,20 @@ def test_a_failure_at_the_end_gives_the_answers_back(tmp_path: Path, capsys: pyt
     assert options[::2] == ["--answer"] * (len(options) // 2)
     assert set(given) < set(options[1::2])
     assert new("bench", tmp_path / "b.yaml", None, options[1::2], True, False, False) == 0
+
+
+def test_a_port_is_named_by_what_tells_its_adapter_from_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Adapters without a serial number share one name in by-id, that of whichever was plugged in last."""
+    monkeypatch.setattr(detection, "_SERIAL", tmp_path)
+    for folder, name, port in (
+        ("by-id", "usb-1a86_USB_Serial-if00-port0", "ttyUSB1"), ("by-id", "usb-FTDI_A5-if00-port0", "ttyUSB2"),
+        ("by-path", "usb-0:1:1.0-port0", "ttyUSB0"), ("by-path", "usb-0:2:1.0-port0", "ttyUSB1"),
+        ("by-path", "usb-0:3:1.0-port0", "ttyUSB2"),
+    ):  # fmt: skip
+        (tmp_path / port).touch()
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / name).symlink_to(tmp_path / port)
+    ports = [PortInfo(str(tmp_path / f"ttyUSB{k}"), "", "A5" if k == 2 else "", 0x1A86) for k in range(3)]
+    monkeypatch.setattr(detection, "available_ports", lambda: ports)
+    found = detection.detect().ports
+    assert [Path(each).name for each in found] == ["usb-0:1:1.0-port0", "usb-0:2:1.0-port0", "usb-FTDI_A5-if00-port0"]

@@ -8,10 +8,11 @@ from pydantic import ValidationError
 
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS
+from nlos.drivers.link.same_device import PortInfo
 from nlos.drivers.link.serial_line import available_ports
 from nlos.drivers.tcspc.known_counters import COUNTERS
 
-_BY_ID = Path("/dev/serial/by-id")
+_SERIAL = Path("/dev/serial")
 
 
 @dataclass(frozen=True)
@@ -25,19 +26,21 @@ class Detected:
 
 def detect() -> Detected:
     """Looks without opening anything: a serial port says that it is there, not who is behind it."""
-    ports = tuple(sorted((_lasting(each.port) for each in available_ports()), key=_built_in))
+    ports = tuple(sorted((_lasting(each) for each in available_ports()), key=_built_in))
     mirrors = [word for word, model in MIRRORS.items() if model.settings.cable != "serial" and _there(model.settings)]
     counters = [word for word, model in COUNTERS.items() if _there(model.settings)]
     return Detected(tuple(mirrors), tuple(counters), ports)
 
 
-def _lasting(port: str) -> str:
-    """The same port by a name that does not depend on the order of plugging in, where the system has one."""
-    if _BY_ID.is_dir():
-        for link in sorted(_BY_ID.iterdir()):
-            if link.resolve() == Path(port).resolve():
+def _lasting(port: PortInfo) -> str:
+    """The same port by a name that does not depend on the order of plugging in, where the system has one: by the
+    adapter's serial number, or of one that has none by its socket, for others of its kind have its name by-id, too."""
+    folder = _SERIAL / ("by-id" if port.serial_number else "by-path")
+    if folder.is_dir():
+        for link in sorted(folder.iterdir()):
+            if link.resolve() == Path(port.port).resolve():
                 return str(link)
-    return port
+    return port.port
 
 
 def _built_in(port: str) -> bool:

@@ -2,7 +2,7 @@
 
 HINTS = {
     "mirror": "what turns the mirrors; `nlos devices` says what is plugged in",
-    "port": "unplug it and see which one goes; names in /dev/serial/by-id stay the same from day to day",
+    "port": "unplug it and see which one goes; names in /dev/serial/by-id (by-path without a serial number) stay",
     "volts_per_degree": "the galvo driver's manual, `input scale factor`: often 0.5 or 0.8; spots find it later",
     "max_mechanical_deg": "the head's data sheet; less is safer, moves beyond it are refused",
     "counter": "what times the photons; `nlos devices` says what is plugged in",

@@ -73,6 +73,21 @@ def test_an_adapter_is_found_again_by_its_serial_number(monkeypatch: pytest.Monk
             port_of("it", "sim://usb0", adapters(usb0=other))
 
 
+def test_adapters_without_a_serial_number_are_told_apart_by_their_sockets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(same_device, "_found_at", {})
+
+    def cheap(**sockets: str) -> list[PortInfo]:
+        return [PortInfo(f"sim://{name}", "USB Serial", "", 0x1A86, socket) for name, socket in sockets.items()]
+
+    remember("sim://usb0", cheap(usb0="1-1", usb1="1-2"))
+    assert port_of("it", "sim://usb0", cheap(usb0="1-1", usb1="1-2")) == "sim://usb0"
+    assert port_of("it", "sim://usb0", cheap(usb0="1-2", usb1="1-1")) == "sim://usb1"  # their names were swapped
+    assert port_of("it", "sim://usb0", cheap(usb2="1-1")) == "sim://usb2"
+    assert port_of("it", "sim://usb0", cheap(usb0="1-3")) == "sim://usb0"  # in another socket, perhaps
+    with pytest.raises(WrongDevice, match=r"another adapter is at sim://usb0.*than before \(at 1-1\)"):
+        port_of("it", "sim://usb0", adapters(usb0=STAGE))
+
+
 def test_a_link_is_followed_to_its_port(tmp_path: Path) -> None:
     (tmp_path / "ttyUSB1").touch()
     (link := tmp_path / "usb-FTDI_A50285BI-if00").symlink_to(tmp_path / "ttyUSB1")
