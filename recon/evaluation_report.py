@@ -54,7 +54,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = Fal
     for path in paths:
         if path.exists() and not overwrite:
             raise FileExistsError(f"{path} exists. Choose another folder, or use --overwrite.")
-    with whole_files(folder) as fresh:
+    with whole_files(folder, new=not overwrite) as fresh:
         rows, sheet, words, drawn = (fresh / name for name in NAMES)
         rows.write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
         with sheet.open("w", newline="", encoding="utf-8") as file:

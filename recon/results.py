@@ -79,7 +79,7 @@ def write_results(
         NAMES[1]: albedo_picture, NAMES[2]: depth_picture, "confidence.png": confidence_picture,
         "uncertainty.png": uncertainty_picture, "slices.png": slices_picture,
     }  # fmt: skip
-    with whole_files(folder, optional) as fresh:
+    with whole_files(folder, optional, new=not overwrite) as fresh:
         write_reconstruction(fresh / NAMES[0], reconstruction, keep_volume)
         if html:
             write_view3d(fresh / "view3d.html", reconstruction)

@@ -14,10 +14,10 @@ from nlos.acquisition.recording.disk_refusal import told_of
 
 
 @contextmanager
-def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
+def whole_files(folder: Path, stale: Collection[str] = (), *, new: bool = False) -> Iterator[Path]:
     """A hidden folder inside `folder` to write files to. When the block ends they take their places in `folder`, and
     files named in `stale` that were not written anew go; where the block fails, nothing changes. Raises `StorageError`
-    where the disk does not take them."""
+    where the disk does not take them, and of `new` ones `FileExistsError` where others have taken a place by then."""
     there_before = folder.exists()
     partial = folder / f".{os.getpid()}-{secrets.token_hex(4)}.part"  # in a container a killed one had the same number
     with told_of(folder, partial), _ended_in_order():
@@ -26,15 +26,36 @@ def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
             yield partial
             with _told_later():
                 fresh = sorted(partial.iterdir())
+                if new:  # of two programs at once the first file is one's, and with it all of them
+                    _put(fresh[0], folder / fresh[0].name)
                 for name in set(stale) - {path.name for path in fresh}:
                     (folder / name).unlink(missing_ok=True)
-                for path in fresh:
+                for path in fresh[1:] if new else fresh:
                     path.replace(folder / path.name)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
             if not there_before:
                 with suppress(OSError):
                     folder.rmdir()  # where nothing came of it
+
+
+def _put(path: Path, target: Path) -> None:
+    """Where nothing is."""
+    try:
+        os.link(path, target)
+    except FileExistsError as error:
+        raise _taken(target) from error
+    except (OSError, NotImplementedError) as error:  # a file system that knows no second names
+        if os.path.lexists(target):
+            raise _taken(target) from error
+        path.replace(target)
+
+
+def _taken(target: Path) -> FileExistsError:
+    return FileExistsError(
+        f"{target}: exists by now: another program has made it meanwhile. Choose another folder with -o, or use "
+        "--overwrite."
+    )
 
 
 @contextmanager

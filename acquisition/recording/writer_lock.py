@@ -128,7 +128,7 @@ def has_no_locks(error: BaseException) -> bool:
 
 def _refusal(error: OSError) -> str:
     if not has_no_locks(error):
-        return f"cannot be written there ({error.strerror})"
+        return f"cannot be written there ({error.strerror}). Choose another place."
     return (
         f"its file system has no locks ({error.strerror}), and without one two programs could write one file. Choose "
         "another disk with -o, or have that one mounted with locks."

@@ -45,3 +45,29 @@ def test_what_a_killed_process_of_the_same_number_left_is_in_nobodys_way(tmp_pat
         (first / "albedo.png").write_text("first")
         (second / "depth.png").write_text("second")
     assert {path.name for path in tmp_path.glob("*.png")} == {"albedo.png", "depth.png"}
+
+
+def test_of_two_programs_that_end_at_once_one_has_all_its_files_in_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(folder: Path, word: str) -> None:
+        for name in ("albedo.png", "depth.png"):
+            (folder / name).write_text(word)
+
+    def both_write(folder: Path) -> None:
+        with whole_files(folder, new=True) as mine, whole_files(folder, new=True) as others:
+            write(mine, "mine")
+            write(others, "another's")
+
+    for knows_links in (True, False):
+        folder = tmp_path / str(knows_links)
+        if not knows_links:
+            monkeypatch.setattr(os, "link", lambda *given: (_ for _ in ()).throw(PermissionError("no links")))
+        with pytest.raises(FileExistsError, match=r"albedo\.png: exists by now: another program has made it"):
+            both_write(folder)
+        assert {path.name: path.read_text() for path in folder.iterdir()} == {
+            "albedo.png": "another's", "depth.png": "another's"
+        }  # fmt: skip
+        with whole_files(folder) as again:
+            write(again, "again")
+        assert (folder / "depth.png").read_text() == "again"

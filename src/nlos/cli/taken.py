@@ -44,6 +44,11 @@ class Taken:
             raise Stopped(ExitCode.INTERRUPTED, f"ended at the terminal. {self.ending.safe}")
 
 
+def say_complete(run: Path) -> None:
+    """Of a scan that is resumed although it has all its points."""
+    terminal.result(f"{run}: is complete, nothing was left to take", recording=str(run), taken=0)
+
+
 def say_nothing_left(run: Path, seen: str) -> None:
     """Of a scan that is resumed although its picture was good enough: how it goes on all the same."""
     terminal.result(

@@ -20,7 +20,7 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts, end_in_order_at_sigterm
 from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
-from nlos.cli.taken import Taken, say_ended, say_nothing_left
+from nlos.cli.taken import Taken, say_complete, say_ended, say_nothing_left
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
@@ -109,8 +109,8 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     with Interrupts().caught() as interrupts, ExitStack() as shown:  # left once the bench is closed
         with opened(table, options.scene) as open_bench:
             taken = _acquire(request, open_bench, interrupts, watching, shown)
-        if taken is not None:
-            taken.tell(shown)
+        # Where nothing was left once the bench was open, another program has taken the rest meanwhile.
+        taken.tell(shown) if taken is not None else say_complete(target)
     if options.method is not None:
         _reconstruct(target, _recipe(options.method, options), overwrite)
 
@@ -118,7 +118,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
 def _nothing_is_left(target: Path, plan: "ScanPlan", options: ScanOptions) -> bool:
     """Whether the recording holds all that is asked for, which is said then."""
     if settle(target, plan):
-        terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
+        say_complete(target)
         return True
     if options.until is None:
         return False
