@@ -20,7 +20,8 @@ import pytest
 from nlos.cli import archive_on_this_machine
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
 from nlos.cli.archive_on_dask import connected, dask_setup
-from nlos.cli.archive_task import Task
+from nlos.cli.archive_record import ArchiveRecord
+from nlos.cli.archive_task import Outcome, Task
 from nlos.cli.exit_codes import UsageError
 from nlos.recipe import Recipe
 from nlos.results_folder import ResultsFolder
@@ -189,6 +190,28 @@ def test_one_file_is_skipped_too(tmp_path: Path) -> None:
     before = (tmp_path / "out" / "reconstruction.h5").stat().st_mtime_ns
     assert command.nlos(tmp_path, *words).returncode == 0
     assert (tmp_path / "out" / "reconstruction.h5").stat().st_mtime_ns == before
+
+
+def test_two_archives_into_one_folder_at_once_lose_no_row(tmp_path: Path) -> None:
+    def task(name: str) -> Task:
+        (tmp_path / name).touch()
+        return Task(name, tmp_path / name, Recipe("lct"), ResultsFolder(tmp_path / "out" / Path(name).stem))
+
+    def made(name: str, reason: str = "") -> Outcome:
+        return Outcome(name, "done", reason, 0, None, "")
+
+    begun = ArchiveRecord(tmp_path / "out")
+    begun.begin([task("a.h5"), task("b.h5")])
+    one, other = ArchiveRecord(tmp_path / "out"), ArchiveRecord(tmp_path / "out")
+    with one, other:
+        one.begin([task("a.h5")])
+        other.begin([task("b.h5"), task("c.h5")])
+        one.add(task("a.h5"), made("a.h5"))
+        other.add(task("b.h5"), made("b.h5"))
+        other.add(task("c.h5"), made("c.h5"))
+    rows = json.loads((tmp_path / "out" / "archive.json").read_text())
+    assert [(row["file"], row["outcome"]) for row in rows] == [(f"{name}.h5", "done") for name in "abc"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"archive.json", "index.html"}
 
 
 def test_files_of_one_name_get_folders_of_their_own_or_are_refused(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from nlos.cli.archive_task import Outcome
 from nlos.cli.terminal import terminal
 from nlos.names_for_one import folded
 from nlos.recon.results import NAMES
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.cli.archive_task import Task
@@ -39,6 +40,8 @@ class ArchiveRecord:
         self.folder, self.path = folder, folder / RECORD
         self._rows: dict[str, Row] = {row["folder"]: row for row in _read(self.path)}
         self._written_s = 0.0
+        self._own: set[str] = set()
+        """Rows of this call: another one at the same time has others."""
 
     def has(self, task: "Task", overwrite: bool, skip_existing: bool) -> bool:
         """Whether the task's results are there and may stay. Raises `FileExistsError` where they may neither stay nor
@@ -59,9 +62,7 @@ class ArchiveRecord:
             if _newer(task.run, task.results.path / NAMES[0]):
                 terminal.log(f"{task.file}: newer than its result, done again")
                 return False
-            self._rows[task.results.path.name] = _row(
-                task, Outcome(task.file, "done", "was there already", 0, None, "")
-            )
+            self._put(task, Outcome(task.file, "done", "was there already", 0, None, ""))
             return True
         if row["outcome"] not in MADE:
             return False
@@ -94,6 +95,7 @@ class ArchiveRecord:
             terminal.log(f"{task.file}: has changed since its result was made, done again")
         else:
             row["file"] = task.file
+            self._own.add(row["folder"])
         return not again
 
     def forget_what_is_gone(self) -> None:
@@ -102,7 +104,7 @@ class ArchiveRecord:
             places = {row["file"], (row["input"] or {}).get("path", row["file"])}
             if row["outcome"] not in MADE and not any(Path(str(place)).exists() for place in places):
                 terminal.log(f"{row['file']}: is no longer there; {RECORD} forgets it ({row['outcome']})")
-                del self._rows[name]
+                self._forget(name)
 
     def begin(self, tasks: Iterable["Task"]) -> None:
         """These are done now. Until they are, each is unfinished, whatever ends this process."""
@@ -110,22 +112,32 @@ class ArchiveRecord:
         for task in tasks:
             to_come = Outcome(task.file, "unfinished", "the command ended before it was done", 130, None, "")
             if (before := self._row_of(task.results.path)) is not None:
-                del self._rows[before["folder"]]
-            self._rows[task.results.path.name] = _row(task, to_come)
+                self._forget(before["folder"])
+            self._put(task, to_come)
         self.write()
 
     def add(self, task: "Task", outcome: Outcome) -> None:
         """One more file has an outcome."""
-        self._rows[task.results.path.name] = _row(task, outcome)
+        self._put(task, outcome)
         if time.monotonic() - self._written_s > EVERY_S:
             self.write()
+
+    def _put(self, task: "Task", outcome: Outcome) -> None:
+        self._rows[task.results.path.name] = _row(task, outcome)
+        self._own.add(task.results.path.name)
+
+    def _forget(self, name: str) -> None:
+        del self._rows[name]
+        self._own.add(name)
 
     def rows_of(self, tasks: Iterable["Task"]) -> list[Row]:
         """The rows of these tasks."""
         return [row for task in tasks if (row := self._row_of(task.results.path)) is not None]
 
     def write(self) -> None:
-        """Replaces archive.json at once: a reader meets the old one or the new one."""
+        """Replaces archive.json at once: a reader meets the old one or the new one. What another call has written into
+        it meanwhile stays."""
+        self._rows |= {row["folder"]: row for row in _read(self.path) if row["folder"] not in self._own}
         _replace(self.path, json.dumps(self._in_order(), indent=1) + "\n")
         self._written_s = time.monotonic()
 
@@ -183,6 +195,5 @@ def _read(path: Path) -> Sequence[Row]:
 
 
 def _replace(path: Path, text: str) -> None:
-    fresh = path.with_name(f".{path.name}.new")
-    fresh.write_text(text, encoding="utf-8")
-    fresh.replace(path)
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
