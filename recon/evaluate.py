@@ -1,24 +1,13 @@
-"""Methods on scenes with ground truth: every method under every condition, each physics method at its best snr.
+"""Methods on scenes with ground truth: every method under every condition, each physics method at its best snr."""
 
-A scene is a plain HDF5 scan with histograms [H, W, T] under the conditions' names (`transient`, `counts_p20` ...), its
-attributes as in `acquisition/importers/plain.py`, and the truth on the same grid: `gt_intensity`, `gt_depth` (m),
-`gt_mask`.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from nlos.acquisition.importers.isolated import check_isolated
-from nlos.acquisition.importers.plain import grid_of, read_plain
-from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
-from nlos.acquisition.wall import WallGrid
-from nlos.recon.conditions import NOISELESS, parsed, slowed
 from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from, unlike_trained
 from nlos.recon.errors import NO_PICTURE, InvalidData, InvalidSettings
 from nlos.recon.fingerprint import fingerprint_of
@@ -27,26 +16,15 @@ from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.reconstruct import reconstruct
-from nlos.recon.subsets import measured_points
-from nlos.recon.truth_checks import check_reach, checked_depth, turned_truth
+from nlos.recon.truth_checks import turned_truth
+from nlos.recon.truth_scenes import Say, Scene, datasets, find_scenes, has_condition, read_scene, transient_of
 from nlos.recon.volume import Reconstruction, response_words
 
+__all__ = [
+    "CONDITIONS", "Evaluation", "Row", "Scene", "Without", "as_json", "evaluate", "find_scenes", "image_scores",
+    "read_scene", "transient_of",
+]  # fmt: skip
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
-Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A file's truth, and where its measurements are."""
-
-    name: str
-    path: Path
-    intensity: npt.NDArray[np.float32]  # (H, W)
-    depth_m: npt.NDArray[np.float32]  # (H, W), 0 = background
-    mask: npt.NDArray[np.bool_]  # (H, W)
-    wall: WallGrid
-    falloff: int | None
-    """The exponent that the file says, for methods that have one."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +60,19 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Without:
+    """A method that made no picture of a scene under a condition, and why."""
+
+    scene: str
+    method: str
+    condition: str
+    error: Exception
+
+    def __str__(self) -> str:
+        return f"{self.scene}, {self.condition}, {self.method}: no result: {self.error}"
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """All rows, the scenes, and the front view and depth behind each row."""
 
@@ -90,6 +81,8 @@ class Evaluation:
     pictures: dict[tuple[str, str, str], Reconstruction]  # (scene, method, condition), without volumes
     notes: list[str] = field(default_factory=list)
     """What to know before believing a figure."""
+    without: list[Without] = field(default_factory=list)
+    """What has no row."""
 
 
 def evaluate(
@@ -110,8 +103,9 @@ def evaluate(
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word of
     `methods` may be a method's file, or `NAME=FILE`: such a file, or weights, which say their method. `response` may
     put another response in place of the file's or the condition's. `step(done, total, at)` is called after every
-    reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that
-    does not exist.
+    reconstruction. A method that fails on a scene under a condition is left out of it, and the others go on: see
+    `Evaluation.without`. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition
+    that does not exist, and what the first one raised where none made any picture.
     """
     entrants = [entrant(word) for word in methods]
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
@@ -127,6 +121,9 @@ def evaluate(
         if not any(has_condition(scene, condition) for scene in scenes):
             known = ", ".join(sorted(datasets(scenes[0])))
             raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
+        for scene in scenes:
+            if has_condition(scene, condition):
+                response(transient_of(scene, condition))  # what cannot be used is said before hours of work, not after
     notes = [
         f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes"
         for one in entrants
@@ -134,7 +131,7 @@ def evaluate(
     ]
     for note in notes:
         say(note)
-    rows, pictures = [], {}
+    rows, pictures, without = [], {}, list[Without]()
     each = sum(len(choices(one.method, settings or {}, fixed, one.settings)) for one in entrants)
     done, total = 0, len(conditions) * len(scenes) * each
     for condition in conditions:
@@ -148,25 +145,37 @@ def evaluate(
                 notes.append(f"{one.name}, {condition}: {unlike}")
                 say(notes[-1])
             best: list[tuple[Row, Reconstruction]] = []
+            failed: dict[str, Without] = {}
             for chosen in choices(one.method, settings or {}, fixed, one.settings):
                 runs = []
                 for scene, transient in zip(having, transients, strict=True):
-                    runs.append(_run(scene, transient, one, chosen, condition, device))
+                    try:
+                        if scene.name not in failed:
+                            runs.append(_run(scene, transient, one, chosen, condition, device))
+                    except NO_PICTURE as error:
+                        failed[scene.name] = Without(scene.name, one.name, condition, error)
+                        say(str(failed[scene.name]))
                     done += 1
                     step(done, total, f"{condition}, {one.name}, {scene.name}")
+                best = [run for run in best if run[0].scene not in failed]
                 if not best or _mean_psnr(runs) > _mean_psnr(best):
                     best = runs
-            say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB{_tried(best[0][0])}")
+            without += failed.values()
+            if best:
+                say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB{_tried(best[0][0])}")
             for row, picture in best:
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
+    if not rows:
+        raise type(without[0].error)(str(without[0])) from without[0].error
+    notes += map(str, without)
     for scene in scenes:
         if said := turned_truth(
             [made.albedo for key, made in pictures.items() if key[0] == scene.name], scene.intensity
         ):
             notes.append(f"{scene.name}: {said}")
             say(notes[-1])
-    return Evaluation(rows, scenes, pictures, notes)
+    return Evaluation(rows, scenes, pictures, notes, without)
 
 
 def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:
@@ -179,96 +188,13 @@ def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:
     )
 
 
-def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
-    """Every scene with a truth among files and folders, in the order of their names; the others are said."""
-    for path in paths:
-        if not path.exists():
-            raise InvalidData(f"{path} does not exist.")
-        for file in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
-            check_isolated(file, "nlos.acquisition.importers.untrusted_hdf5:read_everything")
-            scene = read_scene(file)
-            if scene is None:
-                say(f"{file.name}: no ground truth, skipped")
-            else:
-                yield scene
-
-
-def read_scene(path: Path) -> Scene | None:
-    """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
-    try:
-        with open_hdf5(path) as file:
-            if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):
-                return None
-            intensity, depth_m, mask = (
-                needed_array(file, name, (None, None)) for name in ("gt_intensity", "gt_depth", "gt_mask")
-            )
-            sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
-            wall = WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape)
-            falloff = file.attrs.get("falloff_exponent_authors")
-            places = grid_of(path, file, intensity.shape)
-    except (OSError, LookupError, ValueError, TypeError) as error:
-        raise InvalidData(f"{path}: {error}. A scene needs bin_width_s, wall_size_m and gt_* of [H, W].") from error
-    if not (intensity.ndim == 2 and intensity.shape == depth_m.shape == mask.shape):
-        raise InvalidData(
-            f"{path}: gt_intensity {intensity.shape}, gt_depth {depth_m.shape} and gt_mask {mask.shape} must be the "
-            "same [H, W]."
-        )
-    if not (np.isfinite(intensity).all() and intensity.max(initial=0) > 0):
-        raise InvalidData(f"{path}: gt_intensity holds no light or is not finite; there is nothing to compare with.")
-    intensity, depth_m, mask = (places.upright(each) for each in (intensity, depth_m, mask))  # as histograms are
-    depth_m = checked_depth(path, depth_m, mask > 0)
-    return Scene(path.stem, path, intensity, depth_m, mask > 0, wall, None if falloff is None else int(falloff))
-
-
-def datasets(scene: Scene) -> list[str]:
-    """The names of the scene's histograms."""
-    with open_hdf5(scene.path) as file:
-        held = {name: find_dataset(file, name) for name in file}
-        return [name for name, dataset in held.items() if dataset is not None and dataset.ndim == 3]
-
-
-def has_condition(scene: Scene, condition: str) -> bool:
-    """Whether the scene has the datasets that `condition` names."""
-    return parsed(condition).needed <= set(datasets(scene))
-
-
-def transient_of(scene: Scene, condition: str) -> Transient:
-    """The scene's histograms under a condition; points outside it, and those not measured, have exposure 0 and no
-    counts. Raises `InvalidData`, also for raw histograms."""
-    wanted = parsed(condition)
-    scan = read_plain(scene.path, wanted.dataset)
-    whole = replace(scan.transient, response=scan.response)
-    if whole.exposure_s.shape != scene.intensity.shape:
-        raise InvalidData(
-            f"{scene.path}: {wanted.dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth "
-            f"is given on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
-        )
-    if not scan.rectified:
-        raise InvalidData(
-            f"{scene.path}: {wanted.dataset}: is raw, and methods are compared from time 0 at the wall on, without "
-            "direct light. Store it so, with rectified = 1."
-        )
-    check_reach(scene.path, scene.depth_m, whole.time)
-    if (whole.counts < 0).any():
-        raise InvalidData(f"{scene.path}: {wanted.dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
-    if wanted.fwhm_ps is not None:
-        whole = slowed(whole, read_plain(scene.path, NOISELESS).transient, wanted.fwhm_ps)
-    exposure_s = whole.exposure_s * measured_points(wanted.subset, whole.wall.rows, whole.wall.cols)
-    counts = whole.counts * (exposure_s > 0)
-    counts[: scan.direct_cut_bins] = 0
-    return replace(whole, counts=counts, exposure_s=exposure_s)
-
-
 def _run(
     scene: Scene, transient: Transient, one: Entrant, settings: dict[str, object], condition: str, device: str
 ) -> tuple[Row, Reconstruction]:
     if scene.falloff is not None and "falloff" in find(one.method).Settings.model_fields:
         settings = {"falloff": scene.falloff, **settings}
     forget_peak()
-    try:
-        done = reconstruct(transient, one.method, settings, device)
-    except NO_PICTURE as error:
-        raise type(error)(f"{scene.name}, {condition}, {one.name}: {error}") from error
+    done = reconstruct(transient, one.method, settings, device)
     told, nan = done.explained, float("nan")
     row = Row(
         scene=scene.name,

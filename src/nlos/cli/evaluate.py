@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.cli.exit_codes import Stopped, exit_code
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import parse_settings
 from nlos.cli.progress import Progress
@@ -13,6 +14,8 @@ from nlos.recon import evaluate as evaluation
 from nlos.recon.device import check_device
 from nlos.recon.methods import usable
 from nlos.response import response_wanted, with_response
+
+MOST_NAMED = 3
 
 
 def evaluate(
@@ -65,4 +68,14 @@ def evaluate(
         )
     paths = write_evaluation(output, done, overwrite)
     terminal.document["results"] = evaluation.as_json(done.rows)
+    terminal.document["without"] = [
+        {"scene": each.scene, "method": each.method, "condition": each.condition, "reason": str(each.error)}
+        for each in done.without
+    ]
     terminal.result("\n".join(str(path) for path in paths), files=[str(path) for path in paths])
+    if done.without:
+        raise Stopped(
+            max(exit_code(each.error) for each in done.without),
+            f"{output}: {len(done.without)} of {len(done.without) + len(done.rows)} results are missing: "
+            f"{'; '.join(map(str, done.without[:MOST_NAMED]))}{'; ...' if len(done.without) > MOST_NAMED else ''}",
+        )
