@@ -19,9 +19,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from pydantic import ValidationError
+
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import NO_PICTURE, InvalidSettings, ReconstructionFailed
 from nlos.recon.method import Method
+from nlos.recon.put_back import put_back
 
 GROUP = "nlos.methods"
 _log = logging.getLogger(__name__)
@@ -52,17 +55,19 @@ def of_packages(own: frozenset[str]) -> dict[str, EntryPoint]:
     a warning."""
     found: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value)):
-        if point.name in own or point.name in found or in_a_file(point.name):
-            _say_skipped(point.name, _package(point))
+        if in_a_file(point.name):
+            _say_skipped(point.name, _package(point), "a name that ends in .py is a file's")
+        elif point.name in own or point.name in found:
+            _say_skipped(point.name, _package(point), "the name is taken")
         else:
             found[point.name] = point
     return found
 
 
 @cache
-def _say_skipped(name: str, package: str) -> None:
+def _say_skipped(name: str, package: str, why: str) -> None:
     """Once: a command asks for the methods several times."""
-    _log.warning("the method %s of %s is skipped: the name is taken", name, package)
+    _log.warning("the method %s of %s is skipped: %s", name, package, why)
 
 
 def line_of_package(point: EntryPoint) -> str:
@@ -74,7 +79,7 @@ def line_of_package(point: EntryPoint) -> str:
 def find_in_package(point: EntryPoint) -> Method:
     """The method behind an entry point. Raises `InvalidSettings` where it is none."""
     whose = f"the method {point.name} of the package {_package(point)}"
-    with _refused(whose, ""):
+    with _refused(whose, point.module):
         found = point.load()
     _check(found, whose)
     return cast(Method, found)
@@ -82,25 +87,58 @@ def find_in_package(point: EntryPoint) -> Method:
 
 @contextmanager
 def with_its_line(method: str, found: Method) -> Iterator[None]:
-    """What a method of one's own raises becomes `ReconstructionFailed` with its file and line."""
-    file = str(getattr(found, "__file__", ""))
+    """What a method of one's own raises becomes `ReconstructionFailed` with its file and line, and what it changes of
+    the whole program is put back."""
     if _ours(found):
         yield
         return
     try:
-        yield
-    except (Exception, SystemExit) as error:  # it may raise anything; to its author, file and line say more than a bug
-        if isinstance(error, NO_PICTURE) or _is_extra(error) or _is_told(error, file):
+        with put_back(f"the method {method}"):
+            yield
+    except BaseException as error:  # it may raise anything; to its author, file and line say more than a bug
+        if isinstance(error, NO_PICTURE) or _is_extra(error) or _is_told(error):
             raise
+        where = _where(error, found) or method
         raise ReconstructionFailed(
-            f"{_place(error, file) or method}: {type(error).__name__}: {error}. The method raised this, the scan is "
-            "as it was."
+            f"{where}: {said_of(error)}. The method {method} raised this, the scan is as it was."
         ) from error
 
 
-def _is_told(error: BaseException, file: str) -> bool:
-    """Whether it is a signal that ends the program, and not a `sys.exit()` of the method's own."""
-    return isinstance(error, SystemExit) and traceback.extract_tb(error.__traceback__)[-1].filename != file
+@contextmanager
+def settings_of(method: str, found: Method) -> Iterator[None]:
+    """What the settings of a method of one's own raise, but for values that they refuse, as `InvalidSettings`."""
+    if _ours(found):
+        yield
+        return
+    try:
+        with put_back(f"the method {method}"):
+            yield
+    except BaseException as error:
+        if isinstance(error, ValidationError | InvalidSettings) or _is_told(error):
+            raise
+        where = _where(error, found) or defined_at(found, "Settings").removesuffix(": ")
+        raise InvalidSettings(f"{where}: {said_of(error)}. The settings of the method {method} raised this.") from error
+
+
+def said_of(error: BaseException) -> str:
+    """Its kind, and what it says, if anything: both are somebody else's."""
+    try:
+        said = str(error)
+    except Exception:  # what it makes of itself may fail, too
+        said = ""
+    return f"{type(error).__name__}: {said}".removesuffix(": ")
+
+
+def _is_told(error: BaseException) -> bool:
+    """Whether the command is told to end, by a signal or because nobody waits any more, and not by the method itself,
+    which may call `sys.exit()` or raise what is no `Exception`."""
+    if isinstance(error, Exception):
+        return False
+    last = error.__traceback__
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    raised_in = "" if last is None else str(last.tb_frame.f_globals.get("__name__", ""))
+    return isinstance(error, KeyboardInterrupt) or raised_in.startswith("nlos.")
 
 
 def defined_at(found: object, name: str) -> str:
@@ -108,7 +146,10 @@ def defined_at(found: object, name: str) -> str:
     file = getattr(found, "__file__", None)
     if file is None or _ours(found):
         return ""
-    tree = ast.parse(Path(file).read_text(encoding="utf-8"))
+    try:
+        tree = ast.parse(Path(file).read_bytes())
+    except (OSError, SyntaxError, ValueError):  # it is compiled, or is no longer what was run
+        return f"{file}: "
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
             return f"{file}:{node.lineno}: "
@@ -130,7 +171,7 @@ def _run(path: Path, sha256: str) -> ModuleType:
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))  # its own helpers beside it; last, so that none hides an installed package
     try:
-        with _refused(str(path), str(path)):
+        with _refused(str(path), name):
             spec.loader.exec_module(module)
         _check(module, str(path))
         if not (module.__doc__ or "").strip():
@@ -144,22 +185,23 @@ def _run(path: Path, sha256: str) -> ModuleType:
 
 
 @contextmanager
-def _refused(whose: str, file: str) -> Iterator[None]:
-    """What running a file raises, as `InvalidSettings` with the line; a missing extra stays what it is."""
+def _refused(whose: str, module: str) -> Iterator[None]:
+    """What running a module raises, as `InvalidSettings` with its line; a missing extra stays what it is."""
     try:
-        yield
+        with put_back(whose):
+            yield
     except SyntaxError as error:
         raise InvalidSettings(f"{error.filename or whose}:{error.lineno}: {error.msg}") from error
-    except (Exception, SystemExit) as error:  # importing it runs it, and it may raise anything, or try to end
-        if _is_extra(error):
+    except BaseException as error:  # importing it runs it, and it may raise anything, or try to end
+        if _is_extra(error) or _is_told(error):
             raise
-        said = str(error).split("\n\nFor further information", 1)[0]  # pydantic's, with a web address
-        raise InvalidSettings(f"{_place(error, file) or whose}: {type(error).__name__}: {said}") from error
+        said = said_of(error).split("\n\nFor further information", 1)[0]  # pydantic's, with a web address
+        raise InvalidSettings(f"{_place(error, module) or whose}: {said}") from error
 
 
 def _is_extra(error: BaseException) -> bool:
     """Whether what is missing is a part of this package's own that can be installed."""
-    return isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in ("torch", "safetensors")
+    return isinstance(error, ModuleNotFoundError) and error.name in ("torch", "safetensors")
 
 
 def _check(found: Any, whose: str) -> None:
@@ -186,11 +228,21 @@ def _takes_three(build: Callable[..., object]) -> bool:
     return True
 
 
-def _place(error: BaseException, file: str) -> str:
-    """`file:line` of the last line of `file` that took part in an error; of any file where it took none."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename == file] or frames[-1:]
-    return f"{own[-1].filename}:{own[-1].lineno}" if own else ""
+def _place(error: BaseException, module: str, file: str = "") -> str:
+    """`file:line` of the last line of a module, of its package, or of what lies beside its `file`, that took part in an
+    error; empty where none did."""
+    own = [
+        f"{frame.f_code.co_filename}:{line}"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] == module.partition(".")[0]
+        or (file and Path(frame.f_code.co_filename).parent == Path(file).parent)
+    ]
+    return own[-1] if own else ""
+
+
+def _where(error: BaseException, found: object) -> str:
+    """The same of a method that was found."""
+    return _place(error, str(getattr(found, "__name__", "")), str(getattr(found, "__file__", "")))
 
 
 def _package(point: EntryPoint) -> str:

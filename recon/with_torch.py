@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Hashable
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import cast
 
@@ -14,12 +15,13 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon import parts
+from nlos.recon.contract import wrong_numbers, wrong_shapes
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.layers.placed import placed
 from nlos.recon.method import Method, MethodResult, sure, takes_response
 from nlos.recon.methods import find
-from nlos.recon.own_methods import defined_at, with_its_line
-from nlos.recon.weights.files import sha256_of
+from nlos.recon.own_methods import defined_at, name_of, with_its_line
+from nlos.recon.weights.files import WeightsError, sha256_of
 
 Floats = npt.NDArray[np.float32]
 Depths = npt.NDArray[np.float64]
@@ -37,14 +39,16 @@ def see_by(
     Raises `ReconstructionFailed` where what it makes is not of the shapes in `recon/method.py`.
     """
     found = find(method)
-    with with_its_line(method, found):
-        module = _built(cast(Hashable, found), settings, transient)
+    with with_its_line(name_of(method), found):
+        module = built(cast(Hashable, found), _by_words(settings), transient.wall, transient.time)
         return *see(transient, module, device, defined_at(found, "forward")), takes_response(module)
 
 
 def get_ready_for(method: str, settings: Settings, transient: Transient) -> None:
-    """Builds a method for such a transient; `see_by` then finds it built."""
-    _built(cast(Hashable, find(method)), settings, transient)
+    """Builds a method for such a transient; `see_by` then finds it built. Raises as that does."""
+    found = find(method)
+    with with_its_line(name_of(method), found):
+        built(cast(Hashable, found), _by_words(settings), transient.wall, transient.time)
 
 
 def see(
@@ -55,7 +59,8 @@ def see(
     `own_at`: `file:line: ` of a method of one's own, whose numbers are then looked at too.
     """
     module = placed(module, device)
-    with torch.inference_mode():
+    # A method of one's own may go down gradients, by `torch.enable_grad()`: of inference tensors there are none.
+    with torch.no_grad() if own_at else torch.inference_mode():
         counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None].to(device)
         exposure_s = torch.from_numpy(np.ascontiguousarray(transient.exposure_s))[None].to(device)
         told: tuple[torch.Tensor, ...] = ()
@@ -66,65 +71,63 @@ def see(
             if own_at:  # it may write into what it is given, which is the scan that later pictures are made of
                 counts, exposure_s = counts.clone(), exposure_s.clone()
             made: MethodResult[torch.Tensor] = module(counts, exposure_s, *told)
-    planes = getattr(module, "depths_m", ())
-    depths_m = np.asarray(planes.cpu() if isinstance(planes, torch.Tensor) else planes, dtype=np.float64)
-    wrong = _wrong(made, len(depths_m), transient.wall) or (_wrong_numbers(made) if own_at else "")
+    depths_m = _planes(getattr(module, "depths_m", ()), own_at)
+    wrong = wrong_shapes(made, depths_m.size, transient.wall)
+    if own_at:
+        wrong = wrong or wrong_numbers(made, depths_m, transient.time)
     if wrong:
         raise ReconstructionFailed(f"{own_at}{wrong} (nlos.recon.method is the contract)")
-    volume = None if made.volume is None else made.volume[0].cpu().numpy()
+    volume = None if made.volume is None else _array(made.volume)
     of_each = getattr(made, "intervals", None)
-    known = None if of_each is None else {name: x[0].cpu().numpy() for name, x in of_each.items()}
-    return sure(MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume), known), depths_m
+    known = None if of_each is None else {name: _array(x) for name, x in of_each.items()}
+    return sure(MethodResult(_array(made.albedo), _array(made.depth_m), volume), known), depths_m
 
 
-def _wrong(made: object, planes: int, wall: WallGrid) -> str:
-    """What is not as the contract says; empty where all is."""
-    if not isinstance(made, MethodResult):
-        return f"returned {type(made).__name__}, not a MethodResult"
-    front = (1, wall.rows, wall.cols)
-    wanted: dict[str, tuple[int, ...]] = {"albedo": front, "depth_m": front}
-    wanted |= {} if made.volume is None else {"volume": (1, planes, wall.rows, wall.cols)}
-    for name, shape in wanted.items():
-        field = getattr(made, name)
-        if not isinstance(field, torch.Tensor) or not field.is_floating_point():
-            kind = field.dtype if isinstance(field, torch.Tensor) else type(field).__name__
-            return f"{name} is {kind}, must be a tensor of real numbers"
-        if field.shape != shape:
-            more = ", D being the length of `depths_m`" if name == "volume" else ""
-            return f"{name} is {tuple(field.shape)}, must be {shape} for this scan{more}"
-    return ""
+def _array(tensor: torch.Tensor) -> Floats:
+    """Of the one measurement of a batch; NumPy has no bfloat16."""
+    first = tensor[0].detach().cpu()
+    return (first.float() if first.dtype is torch.bfloat16 else first).numpy()
 
 
-def _wrong_numbers(made: MethodResult[torch.Tensor]) -> str:
-    """What no front view or depth may hold; empty where all is well."""
-    finite = torch.isfinite(made.albedo)
-    if not finite.all():
-        return f"{int((~finite).sum())} of {finite.numel()} values of albedo are not finite"
-    if made.albedo.min() < 0:
-        return f"albedo goes down to {float(made.albedo.min()):.3g}; a front view is not negative"
-    if torch.isinf(made.depth_m).any():
-        return "depth_m is infinite at places; NaN says that nothing is seen"
-    if (made.depth_m < 0).any():
-        return (
-            f"depth_m goes down to {float(made.depth_m.nan_to_num(0).min()):.3g} m; what is seen lies before the wall"
-        )
-    if made.volume is not None and not torch.isfinite(made.volume).all():
-        return "volume holds values that are not finite"
-    return ""
+def _planes(said: object, own_at: str) -> Depths:
+    """The depths of a method's planes, (D,). Raises `ReconstructionFailed`."""
+    try:
+        return np.asarray(said.detach().cpu() if isinstance(said, torch.Tensor) else said, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ReconstructionFailed(
+            f"{own_at}depths_m is {said!r:.60}, must be the planes' depths in metres, (D,)"
+        ) from error
 
 
-def _built(method: Hashable, settings: Settings, transient: Transient) -> nn.Module:
-    """By the weights as they are now: a training that goes on has written others into the same file."""
-    named = (value for name in ("weights", "noise_weights") if (value := getattr(settings, name, None)) is not None)
-    return built(method, settings, transient.wall, transient.time, tuple(map(sha256_of, named)))
+@dataclass(frozen=True)
+class _ByWords:
+    """Settings that are looked up by what they say (lists, which a method of one's own may have, have no hash) and by
+    the weights that they name as those are now: a training that goes on has written others into the same file."""
+
+    words: str
+    weights_sha256: tuple[str, ...]
+    settings: Settings = field(compare=False)
+
+
+def _by_words(settings: Settings) -> _ByWords:
+    named = (getattr(settings, name, None) for name in ("weights", "noise_weights"))
+    return _ByWords(settings.model_dump_json(), tuple(_weights_now(each) for each in named), settings)
+
+
+def _weights_now(named: object) -> str:
+    """Their SHA-256; empty where there are none, which is for whoever reads them to say."""
+    if not isinstance(named, str):
+        return ""
+    try:
+        return sha256_of(named)
+    except WeightsError:
+        return ""
 
 
 @lru_cache(maxsize=6)  # three of each of two axes: those before a film is aligned are still in use just after it is
-def built(
-    method: Hashable, settings: Settings, wall: WallGrid, time: TimeAxis, weights_sha256: tuple[str, ...]
-) -> nn.Module:
-    """A method, kept for the next transient of the same shape and weights. Raises `ReconstructionFailed`."""
-    module: object = cast(Method, method).build(settings, wall, time)
+def built(method: Hashable, said: _ByWords, wall: WallGrid, time: TimeAxis) -> nn.Module:
+    """A method, kept for the next transient of the same shape. Raises `ReconstructionFailed`."""
+    module: object = cast(Method, method).build(said.settings, wall, time)
     if not isinstance(module, nn.Module):
         what = f"build returned {type(module).__name__}, not an nn.Module"
         raise ReconstructionFailed(f"{defined_at(method, 'build')}{what}")

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.method import Method
-from nlos.recon.own_methods import find_in_file, find_in_package, in_a_file, line_of_package, of_packages
+from nlos.recon.own_methods import find_in_file, find_in_package, in_a_file, line_of_package, of_packages, settings_of
 
 log = logging.getLogger(__name__)
 WEIGHTS_SUFFIX = ".safetensors"
@@ -87,7 +87,10 @@ def parse_settings(name: str, given: dict[str, object]) -> AnySettings:
     """The settings of method `name` with these given. Raises `InvalidSettings` naming key, value and the remedy."""
     method = find(name)
     try:
-        return method.Settings.model_validate(given)
+        with settings_of(name, method):
+            chosen = method.Settings.model_validate(given)
+            chosen.model_dump_json()  # as results keep them
+            return chosen
     except ValidationError as error:
         known = list(method.Settings.model_fields)
         lines = []

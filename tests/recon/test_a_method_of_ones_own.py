@@ -15,7 +15,7 @@ import nlos
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.cli.exit_codes import exit_code
-from nlos.recon.errors import InvalidSettings, ReconError
+from nlos.recon.errors import InvalidSettings, ReconError, ReconstructionFailed
 from nlos.recon.evaluate import evaluate
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.method import Method
@@ -120,6 +120,66 @@ WRONG = {
         8,
         ":25: SystemExit",
     ),
+    "raises what is no Exception": (
+        TEXT.replace("brightest = counts", "raise type('Odd', (BaseException,), {})('odd'); brightest = counts"),
+        8,
+        r":25: Odd: odd",
+    ),
+    "cannot say what it raises": (
+        TEXT.replace("brightest =", "raise type('E', (Exception,), {'__str__': lambda self: 1 / 0})(); brightest ="),
+        8,
+        r":25: E\.",
+    ),
+    "a part of torch that is not there": (
+        TEXT.replace("brightest = counts", "import torch.no_such; brightest = counts"),
+        8,
+        r":25: ModuleNotFoundError",
+    ),
+    "settings that raise": (
+        TEXT.replace(
+            "least_counts: float = 1.0", "least_counts: float = 1.0\n\n    def model_post_init(self, _):\n        1 / 0"
+        ),
+        2,
+        r":18: ZeroDivisionError",
+    ),
+    "a setting that no file can keep": (
+        TEXT.replace("least_counts: float = 1.0", "least_counts: object = object()"),
+        2,
+        r":12: PydanticSerializationError",
+    ),
+    "millimetres": (
+        TEXT.replace("values, depth_m.", "values, 1e3 * depth_m."),
+        8,
+        r":24: depth_m goes up to 307 m, .* at most 0\.495 m; depths are in metres",
+    ),
+    "intervals of other names": (
+        TEXT.replace(MAKES, f"return sure({MAKES.removeprefix('return ')}, {{'low': depth_m}})").replace(
+            "import MethodResult", "import MethodResult, sure"
+        ),
+        8,
+        r":24: intervals are low, must be albedo_low,",
+    ),
+    "sure of more than all": (
+        TEXT.replace(MAKES, f"return sure({MAKES.removeprefix('return ')}, dict.fromkeys(INTERVALS, 2 + 0 * depth_m))")
+        .replace("import MethodResult", "import MethodResult, sure")
+        .replace("import torch\n", "import torch\nfrom nlos.recon.contract import INTERVALS\n", 1),
+        8,
+        r":25: seen is a probability",
+    ),
+    "depths that are words": (
+        TEXT.replace("self.least, self.depths_m = ", "self.depths_m = 'near'; self.least, self.planes = ").replace(
+            "self.depths_m)", "self.planes)"
+        ),
+        8,
+        r"depths_m is 'near', must be",
+    ),
+    "planes from far to near": (
+        TEXT.replace("torch.nan))", "torch.nan), counts[:, 0])").replace(
+            "        return MethodResult", "        self.depths_m = self.depths_m[::-1]\n        return MethodResult"
+        ),
+        8,
+        r":24: depths_m of shape \(32,\) must be .* each behind the last",
+    ),
     "no depths": (
         TEXT.replace("self.least, self.depths_m = ", "self.least, self.planes = ")
         .replace("self.depths_m)", "self.planes)")
@@ -153,7 +213,33 @@ def test_a_signal_that_falls_into_it_ends_the_program(tmp_path: Path) -> None:
     module = types.ModuleType("mine")
     module.__file__ = str(tmp_path / "mine.py")
     with pytest.raises(SystemExit), with_its_line("mine.py", cast(Method, module)):
-        raise SystemExit(143)  # as the handler does, whose line is in no file of the method's
+        exec("raise SystemExit(143)", {"__name__": "nlos.cli.interrupts"})  # where the handler is
+
+
+def test_what_lies_beside_it_cannot_end_the_command_either(scan: Transient, tmp_path: Path) -> None:
+    (tmp_path / "beside_mine.py").write_text("import sys\n\n\ndef give_up():\n    sys.exit(0)\n", encoding="utf-8")
+    text = TEXT.replace("brightest = counts", "import beside_mine; beside_mine.give_up(); brightest = counts")
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    with pytest.raises(ReconstructionFailed, match=r"beside_mine\.py:5: SystemExit: 0"):
+        reconstruct(scan, str(tmp_path / "mine.py"))
+
+
+def test_it_may_go_down_gradients_have_lists_for_settings_and_answer_in_bfloat16(
+    scan: Transient, tmp_path: Path
+) -> None:
+    text = TEXT.replace("least_counts: float = 1.0", "least_counts: float = 1.0\n    names: list[str] = ['a']").replace(
+        "        brightest = counts",
+        "        tried = torch.zeros_like(counts).requires_grad_()\n"
+        "        with torch.enable_grad():\n"
+        "            ((tried - counts) ** 2).sum().backward()\n"
+        "        counts = -tried.grad / 2\n"
+        "        brightest = counts",
+    )
+    assert text.count("MethodResult(brightest.values,") == 1
+    text = text.replace("MethodResult(brightest.values,", "MethodResult(brightest.values.bfloat16(),")
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    seen = reconstruct(scan, str(tmp_path / "mine.py"), {"names": ["b", "c"]})
+    assert (seen.albedo[1, 5], seen.settings["names"]) == (9, ["b", "c"])
 
 
 def test_what_it_prints_is_no_part_of_the_json_document(tmp_path: Path) -> None:
@@ -178,7 +264,9 @@ def test_a_package_brings_its_own(scan: Transient, tmp_path: Path, monkeypatch: 
     about = tmp_path / "acme-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\nSummary: Bright.\n", "utf-8")
-    points = "[nlos.methods]\nbrightest = acme_deep\nlct = acme_deep\ntorn = acme_torn\n"
+    points = (
+        "[nlos.methods]\nbrightest = acme_deep\nlct = acme_deep\ntorn = acme_torn\ngone = acme_gone\nx.py = acme_deep\n"
+    )
     (about / "entry_points.txt").write_text(points, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     said: list[str] = []
@@ -186,8 +274,13 @@ def test_a_package_brings_its_own(scan: Transient, tmp_path: Path, monkeypatch: 
     assert catalogue()["brightest"] == "Bright. (package acme)"
     assert find("lct").__name__ == "nlos.recon.methods.lct"  # type: ignore[attr-defined]
     assert reconstruct(scan, "brightest").albedo[1, 5] == 9
-    assert {"brightest", "torn"} - set(usable()) == {"torn"}
-    assert said == ["the method lct of acme is skipped: the name is taken"]
+    assert {"brightest", "torn", "gone"} - set(usable()) == {"torn", "gone"}
+    assert said == [
+        "the method lct of acme is skipped: the name is taken",
+        "the method x.py of acme is skipped: a name that ends in .py is a file's",
+    ]
+    with pytest.raises(ReconError, match=r"^the method gone of the package acme: ModuleNotFoundError: .*'acme_gone'"):
+        find("gone")
     with pytest.raises(ReconError, match=r"acme_torn\.py:1: ZeroDivisionError"):
         find("torn")
     for name in [name for name in sys.modules if re.match("acme_(deep|torn)", name)]:

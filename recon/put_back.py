@@ -1,0 +1,133 @@
+"""What the whole program shares, and a method of somebody else may have changed, is put back.
+
+A method that goes to another folder, makes warnings errors or takes Ctrl-C would otherwise decide where a scan is
+recorded, whether its calibration ends in an error, and whether it can be stopped.
+"""
+
+import contextlib
+import importlib
+import logging
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+_log = logging.getLogger(__name__)
+_lock = threading.RLock()
+_inside = 0
+_before: "list[tuple[str, Any, Callable[[], Any], Callable[[Any], object]]]" = []
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP") if hasattr(signal, name))
+
+
+@contextmanager
+def put_back(whose: str) -> Iterator[None]:
+    """Puts back what was changed within the block, and says whose doing that was. Where several threads are within such
+    blocks, the last one that leaves puts back what was before the first one came."""
+    global _inside
+    with contextlib.suppress(ImportError):
+        importlib.import_module("torch")  # before it is loaded there is nothing of it to put back
+    with _lock:
+        if _inside == 0:
+            _before[:] = [(what, get(), get, set_) for what, get, set_ in _shared()]
+        _inside += 1
+    try:
+        with _of_this_thread():
+            yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0:
+                changed = [what for what, was, get, set_ in _before if _returned(was, get, set_)]
+                if changed:
+                    _say_changed(whose, ", ".join(changed))
+
+
+@cache
+def _say_changed(whose: str, changed: str) -> None:
+    """Once, and not with every picture."""
+    _log.warning("%s changed %s for the whole program: that is put back", whose, changed)
+
+
+def _returned(was: Any, get: Callable[[], Any], set_: Callable[[Any], object]) -> bool:
+    """Whether something had changed; it is as it was then."""
+    if get() == was:
+        return False
+    set_(was)
+    return True
+
+
+def _shared() -> "Iterator[tuple[str, Callable[[], Any], Callable[[Any], object]]]":
+    """In words, what it is, and how it is set."""
+    yield "the current folder", _folder, _go_to
+    yield "warnings to errors", _errors_of_warnings, _no_more_errors
+    if threading.current_thread() is threading.main_thread():  # others cannot set them
+        for number in _SIGNALS:
+            yield f"what {number.name} does", *_handler(number)
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "get_default_device"):  # else it is being imported
+        yield "PyTorch's default type", torch.get_default_dtype, torch.set_default_dtype
+        yield (
+            "PyTorch's default device",
+            torch.get_default_device,
+            lambda was: torch.set_default_device(None if was == torch.device("cpu") else was),
+        )
+        yield (
+            "whether PyTorch is deterministic", torch.are_deterministic_algorithms_enabled,
+            torch.use_deterministic_algorithms,
+        )  # fmt: skip
+
+
+@contextmanager
+def _of_this_thread() -> Iterator[None]:
+    """What NumPy does with overflows, whether PyTorch keeps gradients, and how many threads it has."""
+    torch = sys.modules.get("torch")
+    with np.errstate():
+        if torch is None:
+            yield
+            return
+        threads = torch.get_num_threads()
+        try:
+            with torch.set_grad_enabled(torch.is_grad_enabled()):
+                yield
+        finally:
+            if torch.get_num_threads() != threads:
+                torch.set_num_threads(threads)
+
+
+def _folder() -> str | None:
+    try:
+        return os.getcwd()
+    except OSError:  # it was removed: there is nowhere to go back to
+        return None
+
+
+def _go_to(folder: str | None) -> None:
+    if folder is not None:
+        with contextlib.suppress(OSError):
+            os.chdir(folder)
+
+
+def _errors_of_warnings() -> list[Any]:
+    return [each for each in warnings.filters if each[0] == "error"]
+
+
+def _no_more_errors(was: list[Any]) -> None:
+    kept = [each for each in warnings.filters if each[0] != "error" or each in was]
+    warnings.resetwarnings()  # tells Python that they change
+    warnings.filters[:] = kept  # type: ignore[index]
+
+
+def _handler(number: signal.Signals) -> tuple[Callable[[], Any], Callable[[Any], object]]:
+    def put(was: Any) -> None:
+        # None is one that no Python set, and none can; and only one thread may set any.
+        if was is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(number, was)
+
+    return lambda: signal.getsignal(number), put
