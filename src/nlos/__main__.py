@@ -31,6 +31,7 @@ from nlos.cli.interrupts import (
 )
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
+from nlos.cli.threads_left import end_within
 from nlos.drivers.exit_paths import was_told_to_end
 
 _OUTPUTS = ("-o", "--output")
@@ -63,6 +64,7 @@ def main() -> None:
         ignore_interrupts()
         code = 130
     end_at_once_at_sigterm()
+    end_within(code)
     sys.exit(code)
 
 

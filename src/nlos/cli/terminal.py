@@ -2,9 +2,10 @@
 
 import json
 import logging
+import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,9 +65,12 @@ class Terminal:
 
     @contextmanager
     def results_alone(self) -> Iterator[None]:
-        """With --json stdout is left to the document: what somebody's method or driver prints meanwhile goes to
-        stderr."""
-        with redirect_stdout(sys.stderr) if self.as_json else nullcontext():
+        """With --json stdout is left to the document: what somebody's method or driver prints meanwhile, or a program
+        that it calls, goes to stderr."""
+        if not self.as_json:
+            yield
+            return
+        with _stdout_to_stderr(), redirect_stdout(sys.stderr):
             yield
 
     def finish(self) -> None:
@@ -75,6 +79,25 @@ class Terminal:
             # JSON has no word for what is not finite: a strict reader would take nothing of a document that holds one.
             plain = json.loads(json.dumps(self.document, default=str), parse_constant=lambda word: None)
             print(json.dumps(plain, allow_nan=False), flush=True)
+
+
+@contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """File number 1 is 2 meanwhile; nothing happens where stdout is not 1, as in another program's process."""
+    try:
+        kept = os.dup(1) if sys.stdout.fileno() == 1 else None
+    except (OSError, ValueError):
+        kept = None
+    if kept is None:
+        yield
+        return
+    sys.stdout.flush()
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 terminal = Terminal()
