@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from nlos.acquisition.recording.disk_refusal import disk_refusal
 from nlos.cli.archive_inputs import changed
 from nlos.cli.archive_made_with import differences, made_with
 from nlos.cli.archive_page import page
@@ -42,6 +43,7 @@ class ArchiveRecord:
         self._written_s = 0.0
         self._own: set[str] = set()
         """Rows of this call: another one at the same time has others."""
+        self._said = ""
 
     def has(self, task: "Task", overwrite: bool, skip_existing: bool) -> bool:
         """Whether the task's results are there and may stay. Raises `FileExistsError` where they may neither stay nor
@@ -117,10 +119,15 @@ class ArchiveRecord:
         self.write()
 
     def add(self, task: "Task", outcome: Outcome) -> None:
-        """One more file has an outcome."""
+        """One more file has an outcome. A disk that does not take the record now may do so at the end: until then the
+        other files are done."""
         self._put(task, outcome)
         if time.monotonic() - self._written_s > EVERY_S:
-            self.write()
+            self._written_s = time.monotonic()
+            try:
+                self.write()
+            except OSError as error:
+                self._refused(error)
 
     def _put(self, task: "Task", outcome: Outcome) -> None:
         self._rows[task.results.path.name] = _row(task, outcome)
@@ -136,7 +143,7 @@ class ArchiveRecord:
 
     def write(self) -> None:
         """Replaces archive.json at once: a reader meets the old one or the new one. What another call has written into
-        it meanwhile stays."""
+        it meanwhile stays. Raises `StorageError`."""
         self._rows |= {row["folder"]: row for row in _read(self.path) if row["folder"] not in self._own}
         _replace(self.path, json.dumps(self._in_order(), indent=1) + "\n")
         self._written_s = time.monotonic()
@@ -150,8 +157,18 @@ class ArchiveRecord:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.write()
-        _replace(self.folder / PAGE, page(self._in_order()))
+        try:
+            self.write()
+            _replace(self.folder / PAGE, page(self._in_order()))
+        except OSError as error:
+            if kind is None:
+                raise
+            self._refused(error)  # what ended the archive is said, and not what came of it
+
+    def _refused(self, error: OSError) -> None:
+        if str(error) != self._said:
+            terminal.log(f"warning: {error}", -1)
+        self._said = str(error)
 
 
 def _row(task: "Task", outcome: Outcome) -> Row:
@@ -178,13 +195,16 @@ def _newer(run: Path, result: Path) -> bool:
 
 
 def _read(path: Path) -> Sequence[Row]:
-    """The rows of an earlier call; none where there is no such file, or nothing that makes sense. Earlier versions
-    wrote a folder's whole path, which is wrong once it is moved."""
+    """The rows of an earlier call; none where there is no such file, or nothing that makes sense. Raises `StorageError`
+    where the disk does not give it: it would be written anew, without them. Earlier versions wrote a folder's whole
+    path, which is wrong once it is moved."""
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
+        if refused := disk_refusal(path, error):
+            raise refused from error
         terminal.log(f"{path}: not readable ({error}); it is written from scratch")
         return []
     if not isinstance(held, list):
