@@ -14,6 +14,7 @@ _REFUSALS = {
     for name in ("EIO", "EREMOTEIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "ETIMEDOUT", "ENODEV", "ENXIO", "EACCES",
                  "EPERM", "EMFILE", "ENFILE", *(errno.errorcode[number] for number in NO_LOCKS))
 } - {None}  # fmt: skip
+_NO_FOLDER = {errno.ENOSPC, errno.EROFS, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _MOST_BEHIND = 20
 _MAKE_ROOM = "Free disk space, or choose another place with -o."
 _OPEN = "That is no matter of the disk: close what else is open, or raise the limit (ulimit -n)."
@@ -57,7 +58,8 @@ def told_of(target: Path, partial: Path) -> Iterator[None]:
         yield
     except OSError as error:
         named = partial if error.filename is None else Path(os.fsdecode(error.filename))
-        if error.errno is None or not named.is_relative_to(partial):
+        made = named == target and error.errno in _NO_FOLDER  # a folder that was to be made for them
+        if error.errno is None or not (made or named.is_relative_to(partial)):
             raise
-        place = target / named.relative_to(partial)
+        place = target if made else target / named.relative_to(partial)
         raise StorageError(f"{place}: cannot be written ({error.strerror}). {remedy(error)}") from error

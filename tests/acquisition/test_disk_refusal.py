@@ -14,7 +14,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers import isolated_child
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
-from nlos.acquisition.recording.disk_refusal import disk_refusal
+from nlos.acquisition.recording.disk_refusal import disk_refusal, told_of
 from nlos.acquisition.served.ticket import Ticket
 from nlos.calibration.constants import load_response
 from nlos.calibration_input import read_spots
@@ -118,3 +118,12 @@ def test_a_link_that_leads_back_to_itself_is_no_bug(
     loop.symlink_to("loop.h5")
     assert run([*words, str(loop)]) == 2
     assert "loop.h5: is a link to loop.h5, and nothing is there" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_told_of_as_what_would_be_in_it(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = r"out: cannot be written \(Disk quota exceeded\)\. Free disk space"
+    with pytest.raises(StorageError, match=words), told_of(out, out / ".part"):
+        raise OSError(errno.EDQUOT, "Disk quota exceeded", str(out))
+    with pytest.raises(FileExistsError), told_of(out, out / ".part"):
+        raise FileExistsError(errno.EEXIST, "File exists", str(out))
