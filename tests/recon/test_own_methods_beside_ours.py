@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import warnings
 from pathlib import Path
@@ -16,6 +17,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.put_back import _say_changed
 from nlos.recon.reconstruct import reconstruct
 from tests.command import nlos as command_nlos
+from tests.scan_texts import EIGHT_BY_EIGHT, recorded
 
 TEXT = Path(__file__).with_name("method_of_ones_own.py").read_text(encoding="utf-8")
 
@@ -92,3 +94,15 @@ def test_what_it_changes_of_the_whole_program_is_put_back(
     assert shared() == before
     assert [f" changed {what} for the whole program" in line for line in said] == [True] * len(said)
     assert bool(said) == bool(what)
+
+
+def test_a_followed_scan_without_its_picture_ends_with_the_methods_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not with that of invalid data: the scan is as it was."""
+    monkeypatch.setattr("nlos.cli.reconstruct.prepare_process", lambda: None)  # this one is not its own
+    recorded(tmp_path, EIGHT_BY_EIGHT)
+    (tmp_path / "mine.py").write_text(TEXT.replace("brightest = counts", "1 / 0; brightest = counts"), "utf-8")
+    done = command_nlos(tmp_path, "reconstruct", "run.h5", "--follow", "--method", "./mine.py", "-o", "out")
+    assert done.returncode == 8, done.stderr
+    assert re.search(r"ended without a picture.*mine\.py:25: ZeroDivisionError", done.stderr)

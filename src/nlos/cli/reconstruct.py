@@ -12,7 +12,7 @@ from nlos.cli.archive import ended, files_of, folders_for, reconstruct_archive
 from nlos.cli.archive_record import MADE
 from nlos.cli.archive_task import Task
 from nlos.cli.contradictions import refuse_together, refuse_without
-from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.exit_codes import ExitCode, Stopped, UsageError, exit_code
 from nlos.cli.file_words import Axes, BinWidth, Depths, Detector, Rectified, Response, WallSize, depths, given
 from nlos.cli.film import reconstruct_film
 from nlos.cli.method_settings import Weights, chosen_method, parse_settings
@@ -234,8 +234,9 @@ def _follow(runs: Sequence[Path], recipe: Recipe, results: ResultsFolder) -> Non
         raise UsageError("--follow: follows one RUN. Name one recording.")
     prepare_process()
     scan, output = follow_to_folder(runs[0], recipe, results), results.path
+    code = ExitCode.DATA if scan.no_picture is None else exit_code(scan.no_picture)
     if scan.picture is None:
-        raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
+        raise Stopped(code, f"{runs[0]}: the scan ended without a picture. {scan.message}")
     done = scan.picture
     terminal.result(
         f"{output}: {scan.pictures} picture{'s' if scan.pictures != 1 else ''}, the last of {done.samples} points; "
@@ -243,3 +244,5 @@ def _follow(runs: Sequence[Path], recipe: Recipe, results: ResultsFolder) -> Non
         folder=str(output), files=files_in(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
         change=done.change, error=done.error, seconds=done.reconstruction.seconds,
     )  # fmt: skip
+    if scan.no_picture is not None:
+        raise Stopped(code, f"{output}: is not of the whole scan. {scan.message}")

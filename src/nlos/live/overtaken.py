@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from nlos.recon.parts import heard_by
 
 
-class Overtaken(Exception):
-    """The scan has ended meanwhile."""
+class Overtaken(BaseException):
+    """The scan has ended meanwhile: no error, and nothing that a method may catch."""
 
 
 @contextmanager

@@ -79,6 +79,8 @@ class LiveScan:
     """The pictures ended before the scan, by a fault of ours: what is shown stays, and no more comes."""
     error: Exception | None = None
     """Why the scan could not be followed to its end."""
+    no_picture: Exception | None = None
+    """Why the newest samples have none."""
 
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
@@ -262,14 +264,13 @@ class LiveScan:
             with given_up_once(lambda: self.read and not known.whole):
                 self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
 
-    def _no_picture(
-        self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float, error: Exception
-    ) -> None:
-        self._say(f"no picture of {count} points yet: {error}")
-        self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
+    def _no_picture(self, live: "LiveReconstruction", of: Gathered, count: int, began_s: float, why: Exception) -> None:
+        self._say(f"no picture of {count} points yet: {why}")
+        self.no_picture = why
+        self._schedule.made(live.method, count, of.planned, time.monotonic() - began_s, of.growing)
 
     def _shown(self, live: "LiveReconstruction", picture: "LivePicture", began_s: float) -> None:
-        self.message = ""
+        self.message, self.no_picture = "", None
         self._show(live, picture, self.on_picture)
         self.pictures += 1  # whoever waits for that finds the picture
         self._schedule.pace.took(live.method, time.monotonic() - began_s)
