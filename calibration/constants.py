@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, read_only
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.transient import TimeAxis
@@ -127,7 +128,8 @@ _QUANTITIES = ("dark_hz", "ambient_hz", "dead_time_s", "afterpulse_probability")
 
 
 def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None:
-    """Writes one file, whole or not at all. Raises `PoorCalibration`, and `FileExistsError` without `overwrite`."""
+    """Writes one file, whole or not at all. Raises `PoorCalibration`, `FileExistsError` without `overwrite`, and
+    `StorageError` where the disk does not take it."""
     constants.check()
     if os.path.lexists(path) and not overwrite:  # a link to nothing, too
         raise FileExistsError(f"{path} exists; --overwrite replaces it")
@@ -139,7 +141,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
         about["geometry_errors"] = dict(constants.geometry_errors)
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with written_hdf5(partial) as file:
+        with told_of(path, partial), written_hdf5(partial) as file:
             file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
             file.attrs["about"] = json.dumps(about)
             file.attrs["bin_width_s"] = constants.bin_width_s
@@ -164,7 +166,8 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
                 for item in fields(constants.arrivals):
                     file[f"arrivals/{item.name}"] = getattr(constants.arrivals, item.name)
                 file["arrivals/arrival_s"] = constants.arrivals.at(constants.arrivals.x_m, constants.arrivals.y_m)
-        os.replace(partial, path)
+        with told_of(path, partial):
+            os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
 

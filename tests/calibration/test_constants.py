@@ -1,3 +1,6 @@
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -5,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
@@ -104,6 +108,24 @@ def test_nothing_is_overwritten_unasked(constants: BenchConstants, tmp_path: Pat
         save(constants, tmp_path / "c.h5")
     assert (tmp_path / "c.h5").read_bytes() == before
     save(constants, tmp_path / "c.h5", overwrite=True)
+
+
+def test_a_full_disk_is_told_of_the_constants_and_leaves_the_old_ones(
+    constants: BenchConstants, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It named a hidden file that was gone, and no remedy."""
+    (tmp_path / "c.h5").write_text("old", encoding="utf-8")
+
+    @contextmanager
+    def full(path: Path) -> Iterator[h5py.File]:
+        with h5py.File(path, "w") as file:
+            yield file
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr("nlos.calibration.constants.written_hdf5", full)
+    with pytest.raises(StorageError, match=r"c\.h5: cannot be written \(No space left.* Free disk space"):
+        save(constants, tmp_path / "c.h5", overwrite=True)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("c.h5", "old")]
 
 
 def test_a_scatter_over_one_bin_is_not_saved(constants: BenchConstants, tmp_path: Path) -> None:
