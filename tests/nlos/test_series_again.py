@@ -1,5 +1,7 @@
 """A series that is taken up again: what names it is there, what is forecast is taken, pictures are of their scans."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,52 @@ def test_a_key_that_is_swept_twice_is_refused(nlos: Nlos, tmp_path: Path) -> Non
     done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "--sweep", "dwell_ms=3", "-o", "swept")
     assert (done.returncode, "--sweep dwell_ms: given twice" in done.stderr) == (2, True), done.stderr
     assert not (tmp_path / "swept").exists()
+
+
+@pytest.mark.parametrize("values", ["[1", "{a", "1,@x", "[1]", "2026-01-01", ""])
+def test_a_sweep_over_what_is_no_value_is_refused(nlos: Nlos, tmp_path: Path, values: str) -> None:
+    done = nlos("scan", "five_by_five", "--sweep", f"dwell_ms={values}", "-o", "swept")
+    assert (done.returncode, f"--sweep dwell_ms={values}: " in done.stderr) == (2, True), done.stderr
+    assert not (tmp_path / "swept").exists()
+
+
+@pytest.mark.parametrize("held", [b"\xff\xfe", b"", b"# Written by `nlos scan --sweep`"])
+def test_a_sweep_goes_into_no_folder_of_another(nlos: Nlos, tmp_path: Path, held: bytes) -> None:
+    (tmp_path / "swept").mkdir()
+    (tmp_path / "swept" / "queue.yaml").write_bytes(held)
+    done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "-o", "swept")
+    assert (done.returncode, "swept/queue.yaml: is another series" in done.stderr) == (6, True), done.stderr
+    assert [each.read_bytes() for each in (tmp_path / "swept").iterdir()] == [held]
+
+
+def test_a_sweep_is_put_into_no_file(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "run.h5").write_bytes(b"mine")
+    done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "-o", "run.h5")
+    assert (done.returncode, "is a file, not a folder. Choose another place" in done.stderr) == (6, True), done.stderr
+    assert (tmp_path / "run.h5").read_bytes() == b"mine"
+
+
+def test_a_refused_sweep_leaves_the_folder_that_was_there(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    assert nlos("scan", "five_by_five", "--sweep", "wall.width_m=1,40", "-o", "mine").returncode in (2, 4)
+    assert list((tmp_path / "mine").iterdir()) == []
+
+
+def test_a_sweep_whose_file_the_disk_does_not_take_leaves_none_in_the_way(
+    nlos: Nlos, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as full:
+
+        def refused(path: Path, *data: object, **words: str) -> int:
+            path.touch()
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+        full.setattr(Path, "write_bytes", refused)
+        full.setattr(Path, "write_text", refused)
+        done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "-o", "swept")
+        assert (done.returncode, "No space left" in done.stderr) == (6, True), done.stderr
+    assert not (tmp_path / "swept" / "queue.yaml").exists()
+    assert "2 of 2 scans done" in nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "-o", "swept").stdout
 
 
 @pytest.mark.sampled(2)

@@ -18,6 +18,8 @@ from nlos.run_defaults import dated_name
 from nlos.series import journal
 from nlos.series.carry_out import Series, carry_out
 from nlos.series.settings import QueueSettings
+from nlos.whole_file import whole_file
+from nlos.writable import check_writable
 
 
 def swept(
@@ -46,11 +48,14 @@ def swept(
         content["constants"] = str(constants if str(constants) == "none" else constants.absolute())
     text = f"# Written by `nlos scan --sweep`; `nlos queue` of this file resumes it.\n{yaml.safe_dump(content)}"
     target = folder / "queue.yaml"
+    check_writable(folder)
+    own, fresh = not folder.exists(), not target.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    fresh = not target.exists()
-    if target.exists() and target.read_text(encoding="utf-8") != text:
+    if fresh:
+        with whole_file(target) as partial:  # half of one would be another series, for ever
+            partial.write_bytes(text.encode())
+    elif target.read_bytes() != text.encode():
         raise FileExistsError(f"{target}: is another series. Choose another folder with -o.")
-    target.write_text(text, encoding="utf-8")
     series = None
     try:
         series = Series.of(load_queue(target))
@@ -63,8 +68,9 @@ def swept(
                 name.unlink(missing_ok=True)  # nothing was begun: it must not stand in the way of what was meant
             if series is not None:
                 terminal.log(f"{target}: nothing was begun, so it is gone again")
-            with contextlib.suppress(OSError):
-                folder.rmdir()
+            if own:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
 
 
 def load_queue(path: Path) -> Loaded[QueueSettings]:
@@ -89,7 +95,10 @@ def _values(text: str) -> tuple[str, list[Any]]:
     key, equals, values = text.partition("=")
     if not (key and equals and values):
         raise UsageError(f"--sweep {text}: write KEY=A,B,C")
-    found = [yaml.safe_load(each) for each in values.split(",")]
+    try:
+        found = [yaml.safe_load(each) for each in values.split(",")]
+    except yaml.YAMLError:
+        found = [None]
     if not all(isinstance(each, bool | int | float | str) for each in found):
         raise UsageError(f"--sweep {text}: each value must be a number or a word")
     return key, found
