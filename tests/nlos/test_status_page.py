@@ -2,23 +2,30 @@
 
 import http.client
 import json
+import os
 import re
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
+from nlos.__main__ import run
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.live.web import WebServer
-from nlos.series.journal import ALARM, BEGUN, DONE, NAME, Journal
+from nlos.series.journal import ALARM, BEGUN, DONE, FAILED, INTERRUPTED, NAME, STORAGE, Journal
 from nlos.status_page import StatusPage, body
+from nlos.time_of_day import shown_after
 from tests.acquisition.test_recording import plan_of, sample_of
 
 TOKEN = "corridor-corridor"
@@ -78,6 +85,23 @@ def test_it_shows_how_far_the_series_is_and_why_a_scan_ended(data: Path) -> None
     assert "3 of 3 scans, over" in plain(body(data))
 
 
+@pytest.mark.parametrize("what", [STORAGE, FAILED, INTERRUPTED])
+def test_a_scan_that_the_series_resumes_is_not_over(data: Path, what: str) -> None:
+    journal = Journal(data / "night")
+    journal.add("3-hut", BEGUN)
+    journal.add("3-hut", what, message="the disk is full")
+    said = plain(body(data))
+    assert "2 of 3 scans, not running now" in said
+    assert f"3-hut {what} the disk is full" in said
+    lock = WriterLock(data / "night" / NAME)
+    try:  # and its hour is still to come
+        ends = re.search(r"2 of 3 scans, until about (\w+ \d\d:\d\d)", plain(body(data)))
+    finally:
+        lock.release()
+    assert ends is not None
+    assert ends[1] in {shown_after(seconds) for seconds in (3540, 3600)}  # the minute may end meanwhile
+
+
 @contextmanager
 def served(folder: Path) -> Iterator[int]:
     door = socket.create_server(("127.0.0.1", 0))
@@ -126,3 +150,37 @@ def test_who_has_the_address_may_look_and_nobody_may_do_anything(data: Path) -> 
         for method in ("POST", "PUT", "DELETE"):
             assert asked(port, method, f"/{TOKEN}/")[0] == 405
     assert json.loads((data / "night" / "plan.json").read_text())["3-hut"] == 3600.0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no process is sent Ctrl-C there")
+@pytest.mark.parametrize("ends", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_serves_the_folder_under_the_address_it_says_until_it_is_told_to_end(
+    data: Path, ends: signal.Signals
+) -> None:
+    command = [sys.executable, "-m", "nlos", "status", str(data), "--token", TOKEN]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
+        try:
+            assert page.stdout is not None
+            there = urlsplit(page.stdout.readline().strip())
+            assert (there.hostname, there.path) == ("127.0.0.1", f"/{TOKEN}/")
+            assert there.port is not None
+            status, html, _ = asked(there.port, "GET", there.path)
+            assert (status, "Series night" in html) == (200, True)
+            assert asked(there.port, "GET", there.path, host=f"localhost:{there.port}")[0] == 200
+            assert asked(there.port, "GET", there.path, host="evil.example")[0] == 403
+            page.send_signal(ends)
+            assert page.wait(240) == 0
+        finally:
+            page.kill()
+
+
+@pytest.mark.parametrize(
+    "token", ["fifteen-letters", "x" * 101, "a-word/with-strokes", "ä" * 20, "two words in one word"]
+)
+def test_a_token_that_no_address_holds_is_refused(
+    data: Path, token: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(WebServer, "run", lambda server: None)
+    assert run(["status", str(data), "--token", token]) == 2
+    assert "16 to 100 of a-z" in capsys.readouterr().err
+    assert run(["status", str(data / "gone")]) == 2

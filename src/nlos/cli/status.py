@@ -1,6 +1,7 @@
 """`nlos status`: a read-only page for the corridor: the scan under way, the series, the latest runs."""
 
 import os
+import re
 import secrets
 import signal
 import socket
@@ -37,8 +38,8 @@ def status(
     where = folder or data_folder() or Path()
     if not where.is_dir():
         raise FileNotFoundError(f"{where}: no such folder")
-    if token is not None and not (16 <= len(token) <= 100 and token.replace("-", "").replace("_", "").isalnum()):
-        raise UsageError("--token: 16 to 100 letters, digits, - and _: it is all that keeps others out")
+    if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # as it stands in an address
+        raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
     try:
         door = socket.create_server((host, port))
     except OSError as error:

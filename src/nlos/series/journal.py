@@ -17,6 +17,8 @@ NAME, PLAN = "journal.jsonl", "plan.json"
 BEGUN, DONE, ALARM, STORAGE, FAILED, INTERRUPTED, PICTURE, NO_PICTURE = (
     "begun", "done", "alarm", "storage", "failed", "interrupted", "picture", "no picture",
 )  # fmt: skip
+OVER = {DONE, ALARM}
+"""What no scan of the series is taken up from: whatever else ended one, the series resumes it."""
 WAITING, CUT_OFF = "waiting", "cut off"
 """What no line says: a run that was not begun; one whose program was killed."""
 
