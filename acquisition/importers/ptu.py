@@ -97,7 +97,7 @@ def _image(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str
     image = ptu.decode_image(frame=-1, channel=detectors.channel, dtype=np.uint32)
     counts = np.asarray(image).reshape(rows, cols, bins)
     placed = int(counts.sum(dtype=np.uint64))
-    if placed == 0 < photons:
+    if not placed:
         raise InvalidData(f"{path}: none of its {photons:,} photons lies within a line of the image")
     if placed < photons:
         notes.append(

@@ -216,6 +216,22 @@ def test_a_ptu_that_was_broken_off_is_read_and_says_so(tmp_path: Path) -> None:
     assert any("its header states no records" in note for note in scan.notes)
 
 
+@pytest.mark.parametrize("astray", [0, 1, 3])
+def test_photons_between_the_lines_of_a_ptu_image_are_counted_and_told(tmp_path: Path, astray: int) -> None:
+    inside = np.column_stack([np.arange(40) % 4, (np.arange(40) + 0.5) / 40, np.full(40, 5)])
+    between = np.column_stack([np.arange(astray), np.full(astray, 1.01), np.full(astray, 5)])
+    scan = read_picoquant(write_raster(tmp_path / "a.ptu", (4, 8), np.vstack([inside, between])))
+    assert scan.transient.counts.sum() == 40
+    said = [note for note in scan.notes if "are not imported" in note]
+    assert [note.partition(" photons,")[0] for note in said] == ([f"{astray} of {40 + astray}"] if astray else [])
+
+
+def test_a_ptu_image_whose_photons_all_lie_between_lines_is_refused(tmp_path: Path) -> None:
+    path = write_raster(tmp_path / "a.ptu", (4, 8), np.array([[0, 1.01, 5], [1, 1.01, 5]]))
+    with pytest.raises(InvalidData, match=r"a\.ptu: none of its 2 photons lies within a line"):
+        read_picoquant(path)
+
+
 def test_a_ptu_image_whose_photons_find_no_line_is_refused(tmp_path: Path) -> None:
     """Abberior's Imspector counts markers from 0: such files came out black, and complete."""
     raw = raster(tmp_path / "a.ptu")
