@@ -168,8 +168,8 @@ def _wavelength_left_m(settings: Settings, wall: WallGrid, time: TimeAxis, taps:
     shares = taps.cpu().double().numpy()
     bin_m = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s
     place_m = (np.arange(len(shares)) - len(shares) // 2) * bin_m
-    longest_m = 2 * range_m(time, "physical") / _cycles(settings)
-    lengths_m = np.geomspace(wavelength_m, max(longest_m, wavelength_m), 200)
+    longest_m = 2 * range_m(time, "physical") / _cycles(settings)  # `build` refuses a longer one
+    lengths_m = np.geomspace(wavelength_m, longest_m, 200)
     left = np.abs(np.exp(-2j * np.pi * place_m / lengths_m[:, None]) @ shares)
     return float(lengths_m[int(np.argmax(left >= KEPT))] if (left >= KEPT).any() else lengths_m[-1])
 
