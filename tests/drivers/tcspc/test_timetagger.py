@@ -1,6 +1,7 @@
 """A Time Tagger whose model or cabling differs from the one of the other tests: delays, levels, AUX OUT."""
 
 from contextlib import AbstractContextManager, nullcontext
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -237,3 +238,20 @@ def test_tags_lost_while_the_lasers_rate_was_measured_are_of_no_point(mode: str)
     bench.faults.add(Fault(name="T1"))
     assert [(each.flags, each.total_count) for each in taken(counter, bench)] == [(HistogramFlag.NONE, 80)] * 3
     counter.close()
+
+
+def test_a_loss_that_only_the_stream_of_tags_tells_of_is_a_points_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    package, settings, bench = rig(mode="list")
+    counter = TimeTagger.open(settings, bench.clock, package)
+    reads = count(1)
+
+    def kinds(buffer: measurements.TagBuffer) -> Any:
+        found = np.zeros(len(buffer.getTimestamps()), np.uint8)
+        found[:1] = next(reads) == 2  # not a tag: an overflow begins, or ends, or so many were missed
+        return found
+
+    monkeypatch.setattr(measurements.TagBuffer, "getEventTypes", kinds)
+    seen = taken(counter, bench)
+    counter.close()
+    assert [HistogramFlag.DATA_LOST in each.flags for each in seen] == [False, True, False]
+    assert [(each.total_count, each.live_time_s) for each in seen] == [(80, 0.004), (0, 0.0), (80, 0.004)]

@@ -229,3 +229,23 @@ def test_points_without_blanking_keep_their_photons_whenever_steps_come(mode: st
     for each in seen:
         assert 0.998 * 0.02 <= each.live_time_s <= 0.02
         assert each.total_count > 200
+
+
+def test_tags_that_the_stream_misses_while_the_clock_steps_are_lost_to_the_points_under_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    package, settings, bench = rig(mode="list", pixel_clock=1)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    reads = [0]
+
+    def kinds(buffer: measurements.TagBuffer) -> Any:
+        found = np.zeros(len(buffer.getTimestamps()), np.uint8)
+        reads[0] += len(found) > 0
+        found[:1] = reads[0] == 1  # not a tag: an overflow begins, or ends, or so many were missed
+        return found
+
+    monkeypatch.setattr(measurements.TagBuffer, "getEventTypes", kinds)
+    _, seen, _ = stepped(bench, counter)
+    counter.close()
+    assert [HistogramFlag.DATA_LOST in each.flags for each in seen].count(True) > 0
+    assert all(HistogramFlag.DATA_LOST in each.flags or each.total_count > 0 for each in seen)
