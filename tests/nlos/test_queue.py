@@ -15,7 +15,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError
 from nlos.runs.index import RunsIndex
-from nlos.series.carry_out import Series, carry_out
+from nlos.series.carry_out import Series, carry_out, forecast
 from nlos.series.journal import Journal
 from nlos.series.sweep import load_queue
 from tests.acquisition.bad_disk_server import Run, bad_disks
@@ -96,7 +96,7 @@ def test_an_alarm_a_kill_and_a_full_disk_leave_an_outcome_for_every_scan(nlos: R
                 assert (found.summary["points"], found.summary["planned"]) == (len(records), len(recording.plan))
                 assert found.summary["photons"] == int(records["total_count"].sum())
                 assert found.summary["identity"] == header.identity
-                assert found.summary["sample"], found.summary["note"] == (header.notes.sample, header.notes.note)
+                assert (found.summary["sample"], found.summary["note"]) == (header.notes.sample, header.notes.note)
         for number in range(1, SCANS + 1):
             path = f"{series.runs[number - 1].name}.h5"
             assert [each.path for each in index.search([f"sample:object-{number:02d}"])] == [path]
@@ -131,11 +131,16 @@ def test_an_alarm_ends_a_series_unless_it_is_to_be_skipped(tmp_path: Path, capsy
     assert [journal.outcome(each.name) for each in series.runs] == ["alarm", "waiting"]
     queue.write_text(queue.read_text().replace("on_alarm: stop", "on_alarm: skip"))
     assert run(["queue", str(queue)]) == 5
+    assert "1 of 2 scans done, 1 ended by an alarm" in capsys.readouterr().out
     journal = Journal(series.folder)
     assert [journal.outcome(each.name) for each in series.runs] == ["alarm", "done"]
     lines = len(journal.lines)
     assert run(["queue", str(queue)]) == 5
     assert len(Journal(series.folder).lines) == lines  # nothing is taken again
+    capsys.readouterr()
+    for retry, taken in (([], "0 of 2 scans to take"), (["--retry"], "1 of 2 scans to take")):
+        assert run(["queue", str(queue), "--plan", *retry]) == 0
+        assert taken in capsys.readouterr().out
     assert run(["queue", str(queue), "--retry"]) == 5
     assert len(Journal(series.folder).lines) == lines + 2
     # Another limit for the alarm is no other measurement: the same run resumes with it.
@@ -188,14 +193,16 @@ def test_what_another_series_holds_is_not_touched(tmp_path: Path) -> None:
     changed = queue.read_text().replace("wall.rows: 2", "wall.rows: 3")
     queue.write_text(changed)
     series = Series.of(load_queue(queue))
-    with pytest.raises(UsageError, match="begun with other settings"):
-        carry_out(series)
+    for go in (forecast, carry_out):
+        with pytest.raises(UsageError, match="begun with other settings"):
+            go(series)
     (tmp_path / "other").mkdir()
     stranger = tmp_path / "other" / "1-scan.h5"
     stranger.write_bytes(b"mine")
     queue.write_text(changed.replace("folder: series", "folder: other"))
-    assert run(["queue", str(queue)]) == 6
-    assert stranger.read_bytes() == b"mine"
+    for more in (["--plan"], []):
+        assert run(["queue", str(queue), *more]) == 6
+        assert stranger.read_bytes() == b"mine"
 
 
 @pytest.mark.parametrize(
@@ -205,6 +212,9 @@ def test_what_another_series_holds_is_not_touched(tmp_path: Path) -> None:
         ({"runs": [{"scan": "gone"}]}, "gone: no such file"),
         ({"runs": [{"scan": "scan.yaml", "set": {"dwel_ms": 1}}]}, "Did you mean 'dwell_ms'"),
         ({"runs": [{"scan": "scan.yaml", "sweep": {"dwell_ms": [1, -1]}}]}, "dwell_ms=-1"),
+        ({"runs": [{"scan": "scan.yaml", "sweep": {"dwell_ms": []}}]}, "sweep.dwell_ms has no values"),
+        ({"runs": [{"scan": "scan.yaml", "set": {"dwell_ms": 1}, "sweep": {"dwell_ms": [1, 2]}}]}, "in both set and"),
+        ({"runs": [{"scan": "scan.yaml", "repeat": 1000, "sweep": {"dwell_ms": list(range(1, 12))}}]}, "10000 at most"),
         ({"runs": [{"scan": "scan.yaml", "set": {"wall.width_m": 40.0}}]}, "outside"),
         ({"bench": "simulatd"}, "Did you mean 'simulated'"),
         ({"reconstruct": "lctt"}, "lctt"),

@@ -34,6 +34,14 @@ def test_a_key_that_is_swept_twice_is_refused(nlos: Nlos, tmp_path: Path) -> Non
     assert not (tmp_path / "swept").exists()
 
 
+def test_what_is_wrong_with_a_scan_file_itself_is_said_at_its_line(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("wall: {width_m: 1, height_m: 1, rows: 4, cols: 4}\npatern: serpentine\n")
+    (tmp_path / "queue.yaml").write_text("runs: [{scan: mine.yaml, set: {dwell_ms: 1}}]\n")
+    said = nlos("queue", "queue.yaml").stderr
+    assert "mine.yaml:2:1: patern: no such key. Did you mean 'pattern'" in said
+    assert "with dwell_ms=1" not in said
+
+
 @pytest.mark.parametrize("values", ["[1", "{a", "1,@x", "[1]", "2026-01-01", ""])
 def test_a_sweep_over_what_is_no_value_is_refused(nlos: Nlos, tmp_path: Path, values: str) -> None:
     done = nlos("scan", "five_by_five", "--sweep", f"dwell_ms={values}", "-o", "swept")

@@ -91,30 +91,29 @@ def forecast(series: Series) -> None:
 
 
 def _seems_over(series: Series, journal: Journal, run: Run) -> bool:
-    """What `_is_over` will say, as far as that is known without writing."""
-    last = journal.last(run.name)
-    if last is not None and last.what == outcomes.ALARM and series.queue.settings.on_alarm == "skip":
-        return not series.retry
-    return last is not None and last.what == outcomes.DONE and series.recording(run).exists()
-
-
-def _is_over(series: Series, journal: Journal, run: Run) -> bool:
-    """Whether nothing is left to do for a run: its recording says so, or an alarm ended it and nobody wants it again.
-    Raises `UsageError` where it was another run."""
+    """What `_is_over` will say, as far as that is known without writing. Raises `UsageError` where the run was another
+    one, `FileExistsError` where its recording is none of the series'."""
     last, path = journal.last(run.name), series.recording(run)
     if last is not None and last.digest != run.digest:
         raise UsageError(
             f"{series.folder}: {run.name} was begun with other settings. Undo the change in {series.queue.path} or in "
             "a file that it names, or give this series a folder of its own."
         )
-    if path.exists() and last is None and not _holds(path, run):
+    if last is None and path.exists() and not _holds(path, run):
         raise FileExistsError(f"{path}: exists and is none of this series'. Give the series a folder of its own.")
     if last is not None and last.what == outcomes.ALARM and series.queue.settings.on_alarm == "skip":
         return not series.retry
+    return last is not None and last.what == outcomes.DONE and path.exists()
+
+
+def _is_over(series: Series, journal: Journal, run: Run) -> bool:
+    """Whether nothing is left to do for a run: its recording says so, or an alarm ended it and nobody wants it again.
+    Raises as `_seems_over` does."""
+    if _seems_over(series, journal, run):
+        return True
+    path = series.recording(run)
     if not path.exists():
         return False
-    if last is not None and last.what == outcomes.DONE:
-        return True
     try:
         complete = settle(path, run.scan.settings.plan())
     except (ValueError, StorageError):  # resuming says what is wrong with it, or starts again
