@@ -1,6 +1,8 @@
 """Whoever a bench file names is told how a run ended; what fails there harms no run and takes no longer than it may."""
 
 import json
+import os
+import select
 import socketserver
 import threading
 from collections.abc import Iterator
@@ -47,13 +49,22 @@ def test_a_command_is_told_everything_as_text(tmp_path: Path) -> None:
 def test_a_command_that_takes_too_long_is_ended_with_all_it_began(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    late = tmp_path / "late"
-    tell(HookSettings(alarm=f"(sleep 3; touch {late}) & wait", deadline_s=0.3), ENDING)
+    held = tmp_path / "held"
+    os.mkfifo(held)
+    reader = os.open(held, os.O_RDONLY | os.O_NONBLOCK)
+    tell(HookSettings(alarm=f"exec 3> {held}; echo begun >&3; sleep 600 & wait", deadline_s=1.5), ENDING)
     assert "command of run.h5 was not told" in capsys.readouterr().err
-    threading.Event().wait(0.2)
-    assert not late.exists()
+    assert os.read(reader, 100) == b"begun\n"
+    assert select.select([reader], [], [], 60)[0], "it is still held"
+    assert os.read(reader, 100) == b""
+    os.close(reader)
     tell(HookSettings(alarm="echo no such thing >&2; exit 3"), ENDING)
     assert "ended with 3: no such thing" in capsys.readouterr().err
+
+
+def test_what_a_command_prints_is_no_part_of_a_document(capfd: pytest.CaptureFixture[str]) -> None:
+    tell(HookSettings(alarm="echo aloud; echo a word >&2"), ENDING)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_web_address_gets_it_as_json() -> None:
