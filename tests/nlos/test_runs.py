@@ -212,6 +212,31 @@ def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Pa
             index.update()
             assert index.search() == right, harm
             assert index.update().read == 0, harm
+            assert index.not_kept is None, harm
+
+
+def test_an_index_that_another_program_writes_is_left_alone_and_runs_are_found_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = tmp_path / "data"
+    recording(data / "a.h5", RunNotes.of("hat"))
+    with RunsIndex(data) as index:
+        index.update()
+        right, place = index.search(), index.place
+    recording(data / "b.h5", RunNotes.of("cap"))
+    held = place.read_bytes()
+    monkeypatch.setattr("nlos.runs.database.WAIT_S", 0.01)
+    for lock in ("EXCLUSIVE", "IMMEDIATE"):  # it is not read, or not written
+        with closing(sqlite3.connect(place, isolation_level=None)) as other:
+            other.execute(f"BEGIN {lock}")
+            with RunsIndex(data) as index:
+                index.update()
+                assert {each.path for each in index.search()} == {"a.h5", "b.h5"}
+                assert "locked" in str(index.not_kept)
+        assert place.read_bytes() == held
+    with RunsIndex(data) as index:
+        assert index.search() == right
+        assert index.update().read == 1
 
 
 SEARCHES = {
