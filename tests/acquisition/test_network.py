@@ -220,6 +220,7 @@ GOOD = {
     [
         "", "{}", "[1]", "[" * 4000, '{"nlos": "ticket"}', {"address": 1}, {"more": "1"}, {"nlos": "tickets"},
         {"server_public": "a" * 39}, {"client_public": "\u00e9" * 40}, {"client_secret": '"' * 40},
+        {"server_public": "#" * 40},
         *({"address": each} for each in (
             "", "127.0.0.1:5000", "tcp://", "tcp://127.0.0.1", "tcp://127.0.0.1:", "tcp://127.0.0.1:0",
             "tcp://127.0.0.1:65536", "tcp://127.0.0.1:99999999999", "tcp://127.0.0.1:-1", "tcp://*:5000",

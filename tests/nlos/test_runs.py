@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import sqlite3
+import struct
 import subprocess
 import sys
 import time
@@ -215,6 +216,23 @@ def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Pa
             assert index.not_kept is None, harm
 
 
+def test_an_index_whose_pages_contradict_each_other_is_made_anew_before_anything_is_written(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    for name in ("a", "b"):
+        recording(data / f"{name}.h5", RunNotes.of(f"sample {name}"))
+    with RunsIndex(data) as index:
+        index.update()
+        place = index.place
+    pages = bytearray(place.read_bytes())
+    pages[32:40] = struct.pack(">II", 3, 1)  # the free pages: one, which holds the summaries
+    place.write_bytes(pages)
+    recording(data / "c.h5", RunNotes.of("sample c"))
+    with RunsIndex(data) as index:
+        assert index.update().read == 3
+        assert index.not_kept is None
+        assert sorted(each.summary["sample"] for each in index.search()) == ["sample a", "sample b", "sample c"]
+
+
 def test_an_index_that_another_program_writes_is_left_alone_and_runs_are_found_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -307,6 +325,38 @@ def test_an_index_made_under_another_clock_shows_and_finds_what_this_one_does(
     finally:
         monkeypatch.undo()
         time.tzset()
+
+
+def test_a_list_is_a_line_each_of_what_a_terminal_holds(
+    three: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording(tmp_path / "long.h5", RunNotes.of("a  cap\nof wool", note="x" * 40 + "y"))
+    recording(tmp_path / "short.h5", RunNotes.of("hat", note="z" * 40))
+    assert run(["runs", "--folder", str(tmp_path), "--sort", "path", "--ascending"]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.split() == ["started", "status", "points", "sample", "operator", "tags", "path", "note"]
+    assert [line.split()[-1] for line in lines[:2]] == ["x" * 39 + "…", "z" * 40]
+    assert "  a cap of wool  " in lines[0]
+    assert "  30/30  " in lines[0]
+    assert lines[2] == f"2 of 2 runs in {tmp_path}"
+    assert run(["runs", "--folder", str(three), "nothing-of-that-name"]) == 0
+    assert capsys.readouterr().out == f"0 of 3 runs in {three}\n"
+
+
+def test_a_page_of_runs_replaces_nothing_unasked(
+    three: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "page.html"
+    target.write_text("mine")
+    asked = ["runs", "--folder", str(three), "--page", str(target), "--json"]
+    assert run(asked) == 6
+    assert target.read_text() == "mine"
+    capsys.readouterr()
+    assert run([*asked, "--overwrite", "tag:night"]) == 0
+    assert json.loads(capsys.readouterr().out)["page"] == str(target)
+    assert "2 runs in " in target.read_text()
+    for wrong in (["--sort", "colour"], ["--page", str(tmp_path / "page.h5")], ["--folder", str(tmp_path / "gone")]):
+        assert run(["runs", "--folder", str(three), *wrong]) == 2
 
 
 def test_they_come_in_the_order_asked_for_and_no_more(three: Path) -> None:

@@ -71,6 +71,20 @@ def test_it_shows_the_scan_under_way_and_then_that_there_is_none(data: Path) -> 
     assert "10 of 30 points" in said  # on its card
 
 
+def test_a_recording_that_is_just_begun_or_resumed_is_no_scan_under_way_before_it_can_be_read(data: Path) -> None:
+    writer = growing(data / "whole.h5", 10)
+    writer.finish(Status.INTERRUPTED)
+    (data / "torn.h5").write_bytes((data / "whole.h5").read_bytes()[:3000])
+    locks = [WriterLock(data / name) for name in ("whole.h5", "torn.h5")]
+    try:
+        said = plain(body(data))
+    finally:
+        for lock in locks:
+            lock.release()
+    assert "No scan is under way." in said
+    assert "The latest of 2 runs" in said
+
+
 def test_it_shows_how_far_the_series_is_and_why_a_scan_ended(data: Path) -> None:
     lock = WriterLock(data / "night" / NAME)  # as `nlos queue` holds it
     try:

@@ -90,7 +90,7 @@ def _show(found: "list[Run]") -> None:
         _show_narrow(lines[1:], columns)
         return
     for line in lines:
-        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True) if width]
+        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)]
         terminal.result("  ".join(cells).rstrip())
 
 
