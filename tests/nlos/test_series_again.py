@@ -3,11 +3,17 @@
 import errno
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
+from nlos.__main__ import run
 from nlos.acquisition.recording.recording import Recording
+from nlos.recon.errors import ReconstructionFailed
+from nlos.series.expand import expand
+from nlos.series.journal import Journal
+from nlos.series.sweep import load_queue
 from tests.nlos.conftest import Nlos
 
 
@@ -40,6 +46,89 @@ def test_what_is_wrong_with_a_scan_file_itself_is_said_at_its_line(nlos: Nlos, t
     said = nlos("queue", "queue.yaml").stderr
     assert "mine.yaml:2:1: patern: no such key. Did you mean 'pattern'" in said
     assert "with dwell_ms=1" not in said
+
+
+FEW = """\
+wall: {width_m: 0.3, height_m: 0.3, rows: 2, cols: 2}
+pattern: serpentine
+dwell_ms: 1
+histogram: {bins: 256, bin_width_ps: 32, offset_ns: 10}
+"""
+
+
+def series_of_two(here: Path, **more: object) -> Path:
+    (here / "few.yaml").write_text(FEW)
+    path = here / "queue.yaml"
+    path.write_text(yaml.safe_dump({"runs": [{"scan": "few.yaml"}, {"scan": "few.yaml"}], **more}))
+    return path
+
+
+def test_a_series_that_the_disk_does_not_hold_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    queue = series_of_two(tmp_path, folder="a/b")
+    free = [1000]
+    monkeypatch.setattr("nlos.series.room.shutil.disk_usage", lambda folder: SimpleNamespace(free=free[0]))
+    assert run(["queue", str(queue)]) == 6
+    assert "the series needs" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.h5"))
+    free[0] = 1 << 40
+    assert run(["queue", str(queue)]) == 0
+    free[0] = 0  # what is there needs no more
+    assert run(["queue", str(queue)]) == 0
+
+
+@pytest.mark.parametrize("failure", [ReconstructionFailed("not finite"), MemoryError("not finite")])
+def test_a_scan_whose_picture_fails_is_done_and_the_series_says_that_it_has_none(
+    tmp_path: Path, failure: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    queue = series_of_two(tmp_path, reconstruct="lct", folder="s")
+    asked: list[str] = []
+
+    def failing(path: Path, *given: object) -> None:
+        asked.append(path.stem)
+        raise failure
+
+    monkeypatch.setattr("nlos.series.carry_out.reconstruct_file", failing)
+    assert run(["queue", str(queue)]) == 8
+    said = capsys.readouterr()
+    assert "2 of 2 scans done, 2 without a picture" in said.out
+    assert "1-few.h5: no picture: not finite" in said.err
+    assert [line.what for line in Journal(tmp_path / "s").lines][-2:] == ["no picture", "no picture"]
+    assert run(["queue", str(queue)]) == 8  # asked for again, without another scan
+    assert asked == ["1-few", "2-few"] * 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the hook is a POSIX shell's")
+def test_an_alarm_tells_of_its_recording_and_the_end_of_the_folder(tmp_path: Path) -> None:
+    said = tmp_path / "said"
+    write = f'echo "$NLOS_STATUS|$NLOS_RUN|$NLOS_EXIT_CODE" >> {said}'
+    queue = series_of_two(tmp_path, folder="s", on_alarm="skip", hooks={"alarm": write, "done": write})
+    content = yaml.safe_load(queue.read_text())
+    content["runs"][0]["set"] = {"alarms.pile_up": 1e-6}
+    queue.write_text(yaml.safe_dump(content))
+    assert run(["queue", str(queue)]) == 5
+    folder = tmp_path / "s"
+    assert said.read_text().splitlines() == [f"alarm|{folder / '1-few.h5'}|5", f"done|{folder}|5"]
+
+
+def test_a_scan_of_a_series_may_name_another_bench_and_notes_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "few.yaml").write_text(FEW)
+    own = {"scan": "few.yaml", "bench": "zero_latency", "sample": "", "tags": ["own"], "repeat": 2}
+    said = {"runs": [{"scan": "few.yaml"}, own], "sample": "hat", "operator": "Ada", "tags": ["all"], "folder": "s"}
+    (tmp_path / "queue.yaml").write_text(yaml.safe_dump(said))
+    found = expand(load_queue(tmp_path / "queue.yaml"))
+    assert [each.name for each in found] == ["1-few-hat", "2-few", "3-few-again-2"]
+    assert [each.bench.path.stem for each in found] == ["simulated", "zero_latency", "zero_latency"]
+    assert [(each.notes.sample, each.notes.operator, each.notes.tags) for each in found] == [
+        ("hat", "Ada", ("all",)), ("", "Ada", ("all", "own")), ("", "Ada", ("all", "own"))
+    ]  # fmt: skip
+
+
+def test_a_sweep_that_no_bench_could_begin_is_refused_by_its_reason(nlos: Nlos, tmp_path: Path) -> None:
+    done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,-1", "-o", "swept")
+    assert (done.returncode, "dwell_ms=-1" in done.stderr) == (2, True), done.stderr
+    assert not (tmp_path / "swept").exists()
 
 
 @pytest.mark.parametrize("values", ["[1", "{a", "1,@x", "[1]", "2026-01-01", ""])

@@ -16,6 +16,7 @@ from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
 from nlos.recipe import Recipe
+from nlos.recon.errors import ReconError
 from nlos.recon.methods import find
 from nlos.results_folder import ResultsFolder
 from nlos.run_defaults import expanded, hooks_for
@@ -183,7 +184,7 @@ def _pictures(series: Series, journal: Journal) -> int:
             done = reconstruct_file(
                 path, Recipe(method, constants=series.constants), ResultsFolder(folder, overwrite=True)
             )
-        except (ValueError, OSError, RuntimeError) as error:
+        except (ReconError, ValueError, OSError, RuntimeError, MemoryError) as error:
             journal.add(run.name, outcomes.NO_PICTURE, run.digest, str(error), int(exit_code(error)))
             terminal.log(f"warning: {path}: no picture: {error}")
             failed += 1
