@@ -18,6 +18,7 @@ import h5py
 import pytest
 
 from nlos.__main__ import run
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.run_notes import RunNotes
@@ -198,7 +199,8 @@ def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Pa
     harms = (
         "UPDATE runs SET sample = 'another' WHERE path = 'b.h5'", "UPDATE summaries SET summary = '[]'",
         "DELETE FROM summaries WHERE path = 'a.h5'", "UPDATE runs SET path = 'd.h5' WHERE path = 'c.h5'",
-        "UPDATE runs SET words = CAST(x'ff' AS TEXT)", "ALTER TABLE runs RENAME COLUMN points TO pints",
+        "UPDATE runs SET words = CAST(x'ff' AS TEXT)", "UPDATE runs SET words = CAST(x'6c6f636b6564ff' AS TEXT)",
+        "ALTER TABLE runs RENAME COLUMN points TO pints",
         "DROP TABLE summaries", "PRAGMA user_version = 7",
     )  # fmt: skip
     schema = place.read_bytes()
@@ -255,6 +257,12 @@ def test_an_index_that_another_program_writes_is_left_alone_and_runs_are_found_a
     with RunsIndex(data) as index:
         assert index.search() == right
         assert index.update().read == 1
+        held = place.read_bytes()
+        with closing(sqlite3.connect(place, isolation_level=None)) as other:
+            other.execute("BEGIN EXCLUSIVE")
+            with pytest.raises(StorageError, match=r"cannot be read .*locked"):
+                index.search()
+        assert place.read_bytes() == held
 
 
 SEARCHES = {
@@ -377,6 +385,12 @@ def test_the_page_has_a_card_and_a_picture_for_each_and_runs_no_script_of_a_note
     assert 'href="hat.h5"' in html
     assert "<script" not in html
     assert "words <b>" not in html
+    cards = html.split("<article")[1:]  # of cap, hat, plain
+    assert ["<p>Ada</p>" in each for each in cards] == [False, True, False]
+    assert ["cotton &lt;script" in each for each in cards] == [False, True, False]
+    assert [re.findall("<li>(.*?)</li>", each) for each in cards] == [["night"], ["hat", "night"], []]
+    assert ["<ul>" in each for each in cards] == [True, True, False]
+    assert all("30 of 30 points, " in each for each in cards)
 
 
 def test_runs_are_found_where_their_index_cannot_be_kept_and_it_is_said_where_else_it_may(

@@ -157,7 +157,8 @@ def test_who_has_the_address_may_look_and_nobody_may_do_anything(data: Path) -> 
             (False, True),
         ]
         assert "<th scope=row>2-cap</th>" in html
-        assert asked(port, "GET", "/")[0] == 403
+        for other in ("/", f"/{TOKEN}", f"/{TOKEN[:-1]}/", f"//{TOKEN}/"):
+            assert asked(port, "GET", other)[0] == 403
         assert asked(port, "GET", "/corridor-corridoR/")[0] == 403
         assert asked(port, "GET", f"/{TOKEN}/", host="evil.example")[0] == 403
         assert asked(port, "GET", f"/{TOKEN}/../etc")[0] == 404
