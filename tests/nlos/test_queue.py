@@ -129,6 +129,8 @@ def test_an_alarm_ends_a_series_unless_it_is_to_be_skipped(tmp_path: Path, capsy
     series = Series.of(load_queue(queue))
     journal = Journal(series.folder)
     assert [journal.outcome(each.name) for each in series.runs] == ["alarm", "waiting"]
+    assert run(["queue", str(queue)]) == 5  # it is taken up again, unasked
+    assert [line.run for line in Journal(series.folder).lines] == ["1-scan"] * 4
     queue.write_text(queue.read_text().replace("on_alarm: stop", "on_alarm: skip"))
     assert run(["queue", str(queue)]) == 5
     assert "1 of 2 scans done, 1 ended by an alarm" in capsys.readouterr().out

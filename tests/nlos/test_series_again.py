@@ -131,6 +131,12 @@ def test_a_sweep_that_no_bench_could_begin_is_refused_by_its_reason(nlos: Nlos, 
     assert not (tmp_path / "swept").exists()
 
 
+@pytest.mark.parametrize("said", ["dwell_ms", "=1,2", "dwell_ms="])
+def test_a_sweep_without_a_key_or_values_is_told_how_it_is_written(nlos: Nlos, said: str) -> None:
+    done = nlos("scan", "five_by_five", "--sweep", said, "-o", "swept")
+    assert (done.returncode, f"--sweep {said}: write KEY=A,B,C" in done.stderr) == (2, True), done.stderr
+
+
 @pytest.mark.parametrize("values", ["[1", "{a", "1,@x", "[1]", "2026-01-01", ""])
 def test_a_sweep_over_what_is_no_value_is_refused(nlos: Nlos, tmp_path: Path, values: str) -> None:
     done = nlos("scan", "five_by_five", "--sweep", f"dwell_ms={values}", "-o", "swept")

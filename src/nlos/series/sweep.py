@@ -92,8 +92,8 @@ def _keys(sweep: Sequence[str]) -> dict[str, list[Any]]:
 
 def _values(text: str) -> tuple[str, list[Any]]:
     """KEY=A,B,C as YAML reads each value."""
-    key, equals, values = text.partition("=")
-    if not (key and equals and values):
+    key, _, values = text.partition("=")
+    if not (key and values):
         raise UsageError(f"--sweep {text}: write KEY=A,B,C")
     try:
         found = [yaml.safe_load(each) for each in values.split(",")]
