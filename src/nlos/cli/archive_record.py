@@ -8,6 +8,7 @@ file as it was: path, bytes, modified_ns, sha256).
 
 import json
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -39,7 +40,10 @@ class ArchiveRecord:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / RECORD
-        self._rows: dict[str, Row] = {row["folder"]: row for row in _read(self.path)}
+        self._rows: dict[str, Row] = {}
+        self._alike: defaultdict[str, set[str]] = defaultdict(set)
+        """Names of folders, also of earlier ones, by what a disk may take for one: an archive has thousands."""
+        self._know(_read(self.path))
         self._written_s = 0.0
         self._own: set[str] = set()
         """Rows of this call: another one at the same time has others."""
@@ -77,9 +81,14 @@ class ArchiveRecord:
 
     def _row_of(self, results: Path) -> Row | None:
         """What is known of a folder of results: also by another name, which its disk takes for the same."""
-        others = (name for name in self._rows if folded(name) == folded(results.name))
+        others = (name for name in self._alike[folded(results.name)] if name in self._rows)
         known = (name for name in others if name == results.name or _is_same(self.folder / name, results))
         return next((self._rows[name] for name in known), None)
+
+    def _know(self, rows: Iterable[Row]) -> None:
+        for row in rows:
+            self._rows[row["folder"]] = row
+            self._alike[folded(row["folder"])].add(row["folder"])
 
     def _of_this_file(self, task: "Task", row: Row) -> bool:
         """Whether a result was made of the task's file as it is."""
@@ -130,7 +139,7 @@ class ArchiveRecord:
                 self._refused(error)
 
     def _put(self, task: "Task", outcome: Outcome) -> None:
-        self._rows[task.results.path.name] = _row(task, outcome)
+        self._know([_row(task, outcome)])
         self._own.add(task.results.path.name)
 
     def _forget(self, name: str) -> None:
@@ -144,7 +153,7 @@ class ArchiveRecord:
     def write(self) -> None:
         """Replaces archive.json at once: a reader meets the old one or the new one. What another call has written into
         it meanwhile stays. Raises `StorageError`."""
-        self._rows |= {row["folder"]: row for row in _read(self.path) if row["folder"] not in self._own}
+        self._know(row for row in _read(self.path) if row["folder"] not in self._own)
         _replace(self.path, json.dumps(self._in_order(), indent=1) + "\n")
         self._written_s = time.monotonic()
 
