@@ -9,8 +9,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import torch
 from safetensors import SafetensorError
@@ -75,7 +76,12 @@ def read_weights(path: Path) -> Weights:
             raise WeightsError(str(error)) from error
     try:
         whole = path.read_bytes()  # safetensors maps files: one that is cut while it is read would end this process
-        return Weights(from_bytes(whole), _about(_header(whole[:8], whole[8:])))
+        return Weights(from_bytes(whole), _about(_header(BytesIO(whole))))
+    except KeyError as error:
+        raise WeightsError(
+            f"{path}: its numbers are of type {error.args[0]}, which safetensors knows and PyTorch does not read. Save "
+            "them as F32."
+        ) from error
     except (SafetensorError, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
 
@@ -102,20 +108,17 @@ def is_training_state(path: Path) -> bool:
 
 def _header_of(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
-        size = file.read(8)
-        return _header(size, file.read(min(int.from_bytes(size, "little"), MOST_HEADER_BYTES)))
+        return _header(file)
 
 
-def _header(size: bytes, rest: bytes) -> dict[str, Any]:
+def _header(file: BinaryIO) -> dict[str, Any]:
     """What a safetensors file says of its tensors, by name, and of itself (`__metadata__`): JSON behind its length in
     8 bytes (github.com/huggingface/safetensors, "Format"). Raises ValueError."""
-    length = int.from_bytes(size, "little")
-    if len(size) < 8 or not 0 < length <= min(len(rest), MOST_HEADER_BYTES):
+    length = int.from_bytes(file.read(8), "little")
+    text = file.read(min(length, MOST_HEADER_BYTES))
+    if not 0 < length <= len(text):
         raise ValueError("it is cut short, or of another kind")
-    try:
-        found = json.loads(rest[:length])
-    except RecursionError as error:
-        raise ValueError("it is nested beyond reading") from error
+    found = _from_json(text)
     if not isinstance(found, dict):
         raise ValueError("it is of another kind")
     return found
@@ -123,8 +126,16 @@ def _header(size: bytes, rest: bytes) -> dict[str, Any]:
 
 def _about(header: Mapping[str, Any]) -> dict[str, Any]:
     said = header.get("__metadata__")
-    about = json.loads(str(said.get("about", "{}"))) if isinstance(said, dict) else {}
+    about = _from_json(str(said.get("about", "{}"))) if isinstance(said, dict) else {}
     return about if isinstance(about, dict) else {}
+
+
+def _from_json(text: str | bytes) -> object:
+    """Raises ValueError."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested beyond reading") from error
 
 
 def _unreadable(path: Path, error: Exception) -> Exception:
@@ -218,10 +229,14 @@ def goes_with(path: Path, weights: str) -> bool:
 
 
 def sha256_of(weights: str) -> str:
-    """SHA-256 of the file that `weights` means. Raises WeightsError."""
+    """SHA-256 of the file that `weights` means. Raises WeightsError, and `StorageError` where the disk does not give
+    it."""
     path = find_weights(weights)
-    now = path.stat()
-    return _sha256(path, now.st_mtime_ns, now.st_size)
+    try:
+        now = path.stat()
+        return _sha256(path, now.st_mtime_ns, now.st_size)
+    except OSError as error:
+        raise _unreadable(path, error) from error
 
 
 @lru_cache(maxsize=16)

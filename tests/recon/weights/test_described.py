@@ -1,6 +1,8 @@
 """Weights describe themselves: what training wrote is all that it takes to use them, by every way to a picture."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import h5py
@@ -10,6 +12,7 @@ import torch
 
 import nlos
 from nlos.__main__ import run
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
@@ -18,7 +21,7 @@ from nlos.recon.training.scene_files import write_scene
 from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import describe_weights, range_of, summary, use_weights
-from nlos.recon.weights.files import WeightsError, read_about, save
+from nlos.recon.weights.files import WeightsError, read_about, read_weights, save, sha256_of
 
 SMALL = {
     "unet": {"widths": [4, 8], "finish_widths": [8, 8], "core_points": 8},
@@ -170,6 +173,35 @@ def test_weights_that_do_not_say_enough_are_refused_in_a_sentence(tmp_path: Path
     assert (
         range_of({"wall_width_m": 1.0, "rows": 4, "cols": 8, "bins": 2, "bin_width_ps": 4})["photons"] == "not stated"
     )
+
+
+@pytest.mark.parametrize(
+    ("dtype", "about", "why"),
+    [("F4", "{}", "type F4, which safetensors knows"), ("F32", "[" * 100_000, "nested beyond reading")],
+)
+def test_weights_that_another_program_wrote_are_refused_in_a_sentence(
+    dtype: str, about: str, why: str, tmp_path: Path
+) -> None:
+    """They were bugs of ours."""
+    size = {"F4": 1, "F32": 8}[dtype]
+    header = {"__metadata__": {"about": about}, "a": {"dtype": dtype, "shape": [2], "data_offsets": [0, size]}}
+    text = json.dumps(header).encode()
+    path = tmp_path / "theirs.safetensors"
+    path.write_bytes(len(text).to_bytes(8, "little") + text + bytes(size))
+    with pytest.raises(WeightsError, match=why):
+        read_weights(path)
+
+
+def test_weights_that_a_disk_does_not_give_are_no_bug(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mine.safetensors"
+    save(path, {"a": torch.zeros(1)}, {})
+
+    def broken(path: Path) -> bytes:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(Path, "read_bytes", broken)
+    with pytest.raises(StorageError, match=r"mine\.safetensors: cannot be read"):
+        sha256_of(str(path))
 
 
 def test_weights_of_a_method_in_a_file_need_that_file_named(tmp_path: Path) -> None:
