@@ -19,7 +19,7 @@ from nlos.recon.contract import wrong_numbers, wrong_shapes
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.layers.placed import placed
 from nlos.recon.method import Method, MethodResult, sure, takes_response
-from nlos.recon.methods import find
+from nlos.recon.methods import find, in_words
 from nlos.recon.own_methods import defined_at, name_of, with_its_line
 from nlos.recon.weights.files import WeightsError, sha256_of
 
@@ -111,7 +111,7 @@ class _ByWords:
 
 def _by_words(settings: Settings) -> _ByWords:
     named = (getattr(settings, name, None) for name in ("weights", "noise_weights"))
-    return _ByWords(settings.model_dump_json(), tuple(_weights_now(each) for each in named), settings)
+    return _ByWords(in_words(settings), tuple(_weights_now(each) for each in named), settings)
 
 
 def _weights_now(named: object) -> str:

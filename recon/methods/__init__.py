@@ -9,6 +9,7 @@ of one's own, in no catalogue (`recon/own_methods.py`).
 import ast
 import difflib
 import importlib
+import json
 import logging
 from importlib.util import find_spec
 from pathlib import Path
@@ -89,7 +90,7 @@ def parse_settings(name: str, given: dict[str, object]) -> AnySettings:
     try:
         with settings_of(name, method):
             chosen = method.Settings.model_validate(given)
-            chosen.model_dump_json()  # as results keep them
+            in_words(chosen)
             return chosen
     except ValidationError as error:
         known = list(method.Settings.model_fields)
@@ -103,6 +104,12 @@ def parse_settings(name: str, given: dict[str, object]) -> AnySettings:
             else:
                 lines.append(f"{name}: {key}: {problem['msg']} (given: {problem['input']!r})")
         raise InvalidSettings("; ".join(lines)) from None
+
+
+def in_words(settings: AnySettings) -> str:
+    """As results keep them: JSON, also of a weights file whose name is no text. Raises what settings of somebody else's
+    method may."""
+    return json.dumps(settings.model_dump(mode="json"))
 
 
 def first_line(source: str) -> str:

@@ -1,5 +1,6 @@
 """Recordings whose names are no Unicode, or mean something in an address, are reconstructed, shown and linked to."""
 
+import json
 import os
 import shutil
 import sys
@@ -16,6 +17,7 @@ from nlos.cli.archive_page import page
 from nlos.cli.benches import load_bench
 from nlos.configs.load import find
 from nlos.doctor.page import write_page as write_examination
+from nlos.recon.methods import in_words, parse_settings
 from nlos.recon.results import read_reconstruction
 from nlos.runs.index import RunsIndex
 from nlos.runs.page import write_page
@@ -95,3 +97,9 @@ def test_an_examinations_page_names_its_bench_file_whatever_that_is_called(tmp_p
     shutil.copyfile(find("bench", "simulated"), tmp_path / f"{NAME}.yaml")
     write_examination(tmp_path / "day.html", load_bench(str(tmp_path / f"{NAME}.yaml")), [], {}, False)
     assert f"{tmp_path}/caf\\xe9.yaml" in (tmp_path / "day.html").read_text(encoding="utf-8")
+
+
+def test_weights_in_such_a_file_make_pictures() -> None:
+    """They were a bug of ours."""
+    chosen = parse_settings("nano", {"weights": "m\udcff.safetensors"})
+    assert json.loads(in_words(chosen))["weights"] == "m\udcff.safetensors"
