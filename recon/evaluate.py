@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ def evaluate(
     put another response in place of the file's or the condition's. `step(done, total, at)` is called after every
     reconstruction. A method that fails on a scene under a condition is left out of it, and the others go on: see
     `Evaluation.without`. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition
-    that does not exist, and what the first one raised where none made any picture.
+    that does not exist and for two scenes of one name, and what the first one raised where none made any picture.
     """
     entrants = [entrant(word) for word in methods]
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
@@ -117,6 +118,12 @@ def evaluate(
             f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}. To compare "
             "methods on a scan without one: `nlos reconstruct` by each, then `nlos figure DIR DIR ... -o both.png`."
         )
+    for scene, other in combinations(scenes, 2):
+        if scene.name == other.name:
+            raise InvalidSettings(
+                f"{scene.path} and {other.path}: are two scenes of one name, by which figures and pictures are told "
+                "apart. Name each file once, rename one of them, or evaluate them apart."
+            )
     for condition in conditions:
         if not any(has_condition(scene, condition) for scene in scenes):
             known = ", ".join(sorted(datasets(scenes[0])))

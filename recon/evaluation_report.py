@@ -72,7 +72,8 @@ def write_csv(rows: Sequence[Row], file: TextIO) -> None:
 
 
 def table(evaluation: Evaluation) -> str:
-    """Means over the scenes for each condition and method, then every scene, as Markdown."""
+    """Means over the scenes for each condition and method, then every scene, as Markdown. A mean of fewer scenes than
+    others', for a method that failed on some, says so."""
     rows = evaluation.rows
     names = ", ".join(scene.name for scene in evaluation.scenes)
     lines = [
@@ -88,10 +89,12 @@ def table(evaluation: Evaluation) -> str:
     ]
     for condition in _unique(row.condition for row in rows):
         lines += [f"## {condition}", "", _header("method", "settings")]
-        for method in _unique(row.method for row in rows):
-            chosen = [row for row in rows if row.condition == condition and row.method == method]
-            if chosen:
-                lines.append(_line([method, _settings(chosen[0])], chosen))
+        of_it = [row for row in rows if row.condition == condition]
+        most = len({row.scene for row in of_it})
+        for method in _unique(row.method for row in of_it):
+            chosen = [row for row in of_it if row.method == method]
+            fewer = "" if len(chosen) == most else f" ({len(chosen)} of {most} scenes)"  # no figure beside the others
+            lines.append(_line([f"{method}{fewer}", _settings(chosen[0])], chosen))
         lines.append("")
     lines += sure_table(rows)
     lines += ["## Every scene", "", _header("condition", "scene", "method")]

@@ -122,6 +122,14 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
         evaluate([scene], ["lct"], ["transient"])
 
 
+def test_two_scenes_of_one_name_are_refused(tmp_path: Path) -> None:
+    """The gallery showed what was seen of one beside the truth of the other."""
+    (tmp_path / "lab").mkdir()
+    one, two = make_scene(tmp_path / "one.h5"), make_scene(tmp_path / "lab" / "one.h5")
+    with pytest.raises(InvalidSettings, match=r"one\.h5 and .*lab/one\.h5: are two scenes of one name"):
+        evaluate([one, two], ["lct"], ["transient"])
+
+
 def test_the_verb_writes_its_three_files(tmp_path: Path) -> None:
     one, two = make_scene(tmp_path / "one.h5"), make_scene(tmp_path / "two.h5")
     words = ["--data", str(one), str(two), "--methods", "lct", "--conditions", "transient", "-o", str(tmp_path / "out")]

@@ -51,7 +51,10 @@ def test_one_that_fails_takes_no_other_methods_results_along(tmp_path: Path) -> 
     ]  # fmt: skip
     assert told["without"][0]["reason"].endswith("AssertionError: too bright. The method mine.py raised this, the scan "
                                                  "is as it was.")  # fmt: skip
-    assert "mine.py:25: AssertionError: too bright" in (tmp_path / "out" / "results.md").read_text(encoding="utf-8")
+    table = (tmp_path / "out" / "results.md").read_text(encoding="utf-8")
+    assert "mine.py:25: AssertionError: too bright" in table
+    assert "| mine.py (1 of 2 scenes) | " in table  # what it failed on may be what others are bad at
+    assert "| lct | " in table
     (tmp_path / "mine.py").write_text(TEXT.replace("brightest = counts", "1 / 0; brightest = counts"), "utf-8")
     alone = command_nlos(tmp_path, *words, "--methods", "./mine.py", "--overwrite")
     assert alone.returncode == 8
