@@ -69,8 +69,12 @@ class Without:
     condition: str
     error: Exception
 
+    @property
+    def why(self) -> str:
+        return str(self.error) or "the memory is not enough"  # of which Python's own error says nothing
+
     def __str__(self) -> str:
-        return f"{self.scene}, {self.condition}, {self.method}: no result: {self.error}"
+        return f"{self.scene}, {self.condition}, {self.method}: no result: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,7 @@ def evaluate(
                     try:
                         if scene.name not in failed:
                             runs.append(_run(scene, transient, one, chosen, condition, device))
-                    except NO_PICTURE as error:
+                    except (*NO_PICTURE, MemoryError) as error:
                         failed[scene.name] = Without(scene.name, one.name, condition, error)
                         say(str(failed[scene.name]))
                     done += 1

@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,12 +14,15 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from nlos.acquisition.errors import InvalidData as NotAMeasurement
+from nlos.acquisition.transient import Transient
 from nlos.recon import evaluation_report
 from nlos.recon.entrants import SNR_CHOICES
 from nlos.recon.errors import InvalidData, InvalidSettings
 from nlos.recon.evaluate import evaluate, transient_of
 from nlos.recon.evaluate import read_scene as read
 from nlos.recon.evaluation_report import NAMES, write_evaluation
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.volume import Reconstruction
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic"
 FIELDS = {
@@ -120,6 +124,21 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
         del file.attrs["bin_width_s"]
     with pytest.raises(NotAMeasurement, match="bin_width_s must be one finite number"):
         evaluate([scene], ["lct"], ["transient"])
+
+
+def test_a_method_that_has_not_enough_memory_takes_no_other_methods_results_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def short(transient: Transient, method: str, *more: Any) -> Reconstruction:
+        if method == "phasor":
+            raise MemoryError
+        return reconstruct(transient, method, *more)
+
+    monkeypatch.setattr("nlos.recon.evaluate.reconstruct", short)
+    said: list[str] = []
+    done = evaluate([make_scene(tmp_path / "one.h5")], ["lct", "phasor"], ["transient"], fixed=True, say=said.append)
+    assert [row.method for row in done.rows] == ["lct"]
+    assert "one, transient, phasor: no result: the memory is not enough" in said
 
 
 def test_two_scenes_of_one_name_are_refused(tmp_path: Path) -> None:

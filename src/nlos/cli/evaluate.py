@@ -69,7 +69,7 @@ def evaluate(
     paths = write_evaluation(output, done, overwrite)
     terminal.document["results"] = evaluation.as_json(done.rows)
     terminal.document["without"] = [
-        {"scene": each.scene, "method": each.method, "condition": each.condition, "reason": str(each.error)}
+        {"scene": each.scene, "method": each.method, "condition": each.condition, "reason": each.why}
         for each in done.without
     ]
     terminal.result("\n".join(str(path) for path in paths), files=[str(path) for path in paths])
