@@ -67,6 +67,12 @@ def a_bench_is_closing() -> bool:
     return any(paths.closing for paths in _open)
 
 
+def close_benches() -> None:
+    """Closes every bench that is still open, as the end of the interpreter does, where that will not come."""
+    for paths in list(_open):
+        paths.close_once()
+
+
 def was_told_to_end() -> bool:
     """Whether a signal has ended this program: what it does since then brings things to an end."""
     return _told_to_end
@@ -132,7 +138,7 @@ class ExitPaths:
         """How many blocks want to be `undisturbed`."""
 
     def __enter__(self) -> "ExitPaths":
-        atexit.register(self._close_once)
+        atexit.register(self.close_once)
         if threading.current_thread() is threading.main_thread():
             for number in (*_SIGNALS, *_UNHEEDED):
                 # A signal that is ignored (nohup) or handled outside Python stays so.
@@ -146,9 +152,9 @@ class ExitPaths:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._close_once()
+            self.close_once()
         finally:
-            atexit.unregister(self._close_once)
+            atexit.unregister(self.close_once)
             if self in _open:
                 _open.remove(self)
                 sys.unraisablehook = self._unraisable
@@ -164,7 +170,8 @@ class ExitPaths:
     def _handler(self, number: int) -> Any:
         return signal.SIG_IGN if number in _UNHEEDED else self._on_signal
 
-    def _close_once(self) -> None:
+    def close_once(self) -> None:
+        """Calls `close`, unless that was done."""
         if self.closing or os.getpid() != self._process:
             return
         self.closing = True

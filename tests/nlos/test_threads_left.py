@@ -26,3 +26,13 @@ def test_threads_that_a_method_leaves_and_programs_that_it_calls(tmp_path: Path)
     assert "least_counts" in json.dumps(json.loads(done.stdout))
     assert "from a program" in done.stderr
     assert "nlos: done; threads that go on are not waited for: theirs" in done.stderr
+
+
+def test_a_bench_that_was_left_open_is_closed_all_the_same() -> None:
+    """Python closes one once every thread has ended, and these do not: its light would have stayed on."""
+    begin = "import sys, threading, time; from nlos.cli.threads_left import end_within; "
+    begin += "from nlos.drivers.exit_paths import ExitPaths; "
+    begin += "bench = ExitPaths(print, lambda: print('closed', flush=True)); bench.__enter__(); "
+    begin += "threading.Thread(target=time.sleep, args=(600,)).start(); end_within(3, 0.2)"
+    done = subprocess.run([sys.executable, "-c", begin], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (3, "closed\n"), done.stderr

@@ -5,6 +5,7 @@ import threading
 import time
 
 from nlos.cli.terminal import terminal
+from nlos.drivers.exit_paths import close_benches
 
 WAITS_S = 10.0
 
@@ -18,6 +19,9 @@ def end_within(code: int, wait_s: float = WAITS_S) -> None:
         main = threading.main_thread()
         left = [each.name for each in threading.enumerate() if not each.daemon and each is not main]
         terminal.log(f"nlos: done; threads that go on are not waited for: {', '.join(left)}", -9)
-        os._exit(code)
+        try:
+            close_benches()  # what Python would do once all threads have ended
+        finally:
+            os._exit(code)
 
     threading.Thread(target=end, daemon=True, name="end").start()
