@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from nlos.acquisition.recording.recording import Status
+from nlos.cli.runs import _HEADS, _show_narrow
 from tests.nlos.test_status_page import growing
 
 
@@ -57,3 +58,9 @@ def test_a_list_of_runs_that_is_too_wide_names_what_it_says(columns: int, tmp_pa
     assert "sample hut <i>, operator Ada" in lines[1]
     assert lines[2] == f"    {path.relative_to(tmp_path)}"  # to be copied whole
     assert lines[3].startswith("1 of 1 runs in ")
+
+
+def test_a_list_of_runs_has_a_line_on_the_narrowest_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of less than five columns it was a bug of ours."""
+    _show_narrow([_HEADS], 3)
+    assert capsys.readouterr().out.splitlines()[-1] == "    path"

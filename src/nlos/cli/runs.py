@@ -100,7 +100,7 @@ def _show_narrow(lines: list[tuple[str, ...]], columns: int) -> None:
         terminal.result("  ".join(filter(None, line[:3])))
         said = ", ".join(f"{head} {cell}" for head, cell in zip(_HEADS[3:], line[3:], strict=True)
                          if cell and head != "path")  # fmt: skip
-        for part in textwrap.wrap(said, columns - 4):
+        for part in textwrap.wrap(said, max(columns - 4, 20)):
             terminal.result(f"    {part}")
         terminal.result(f"    {line[_HEADS.index('path')]}")
 
