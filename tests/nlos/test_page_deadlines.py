@@ -55,10 +55,11 @@ def all_of(opened: socket.socket) -> bytes:
 def test_who_does_not_ask_or_not_to_its_end_or_not_again_is_dropped(
     url: str, monkeypatch: pytest.MonkeyPatch, begun: bytes
 ) -> None:
-    monkeypatch.setattr(web, "HEAD_S", 0.2)
+    monkeypatch.setattr(web, "HEAD_S", 0.5)
     with line(url) as silent:
         silent.sendall(begun)
         assert (b"200 OK" in all_of(silent)) == (begun == ASKED % b"")
+    monkeypatch.undo()  # a busy machine may take longer to ask
     assert urlopen(url).read() == b"here"
 
 
