@@ -121,7 +121,7 @@ class _Blamed:
         }
         try:
             _put(made, judged)
-        except (AttributeError, TypeError) as error:
+        except Exception as error:  # how a class says no is its own affair
             raise self._fault(
                 f"its driver {type(made).__name__} takes no other methods ({error}), so nobody could judge what it "
                 "hands over: a class written in Python is needed."
@@ -134,11 +134,11 @@ class _Blamed:
 
 def _put(made: object, methods: Mapping[str, Callable[..., Any]]) -> None:
     """In the place of its own: in the device itself or, where that takes none, as with slots or frozen, in a class of
-    its own. Raises `AttributeError` or `TypeError` where neither is possible."""
+    its own. Raises whatever that does where neither is possible."""
     try:
         for name, method in methods.items():
             setattr(made, name, method)
-    except AttributeError:
+    except Exception:  # AttributeError of Python's own classes, ValueError of pydantic's, or its own
         kept = {name: staticmethod(method) for name, method in methods.items()}
         object.__setattr__(made, "__class__", type(type(made).__name__, (type(made),), {"__slots__": (), **kept}))
 

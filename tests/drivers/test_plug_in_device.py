@@ -141,7 +141,12 @@ def test_a_point_that_is_said_to_be_lost_has_no_live_time() -> None:
 
 
 @pytest.mark.parametrize(
-    "closed", [{"__slots__": ("_at",)}, {"__setattr__": raises(AttributeError("cannot assign to field"))}]
+    "closed",
+    [
+        {"__slots__": ("_at",)},
+        {"__setattr__": raises(AttributeError("cannot assign to field"))},
+        {"__setattr__": raises(ValueError("it has no such field"))},  # as pydantic's
+    ],
 )
 def test_a_class_with_slots_or_one_that_is_frozen_is_held_too(closed: dict[str, object]) -> None:
     names = {name: each for name, each in vars(type(device(GalvoMirror))).items() if name not in OF_EVERY_INSTANCE}
@@ -157,14 +162,9 @@ def test_a_class_with_slots_or_one_that_is_frozen_is_held_too(closed: dict[str, 
 
 
 def test_what_takes_no_other_methods_is_refused_before_there_is_light() -> None:
-    class Slotted:
-        __slots__ = ()
-
-        def __setattr__(self, name: str, value: object) -> None:
-            raise TypeError("immutable")
-
     names = {name: each for name, each in vars(type(device(GalvoMirror))).items() if name not in OF_EVERY_INSTANCE}
-    made = type("AcmeMirror", (Slotted,), names | {"__slots__": ()})()
+    final = {"__slots__": (), "__init_subclass__": classmethod(raises(TypeError("it is final")))}
+    made = type("AcmeMirror", (), names | final)()
     model: DeviceModel[Any] = replace(next(iter(MIRRORS.values())), open=lambda *given: made)
     with pytest.raises(DeviceFault, match=r"AcmeMirror takes no other methods .* class written in Python is needed"):
         held(model, Contract(GalvoMirror), "acme-optics").open(None, SystemClock(), None, None)
