@@ -21,7 +21,7 @@ from nlos.live.web import Answer, Refused, Request
 from nlos.runs.index import Run, RunsIndex
 from nlos.runs.page import card
 from nlos.series.journal import NAME as JOURNAL
-from nlos.series.journal import OVER, Journal, planned
+from nlos.series.journal import Journal, planned
 from nlos.time_of_day import shown_after
 
 AGAIN_S = 5
@@ -104,9 +104,9 @@ def _series(folder: Path) -> str:
     here = journals[-1].parent
     journal, expected_s = Journal(here), planned(here)
     outcome = {name: journal.outcome(name) for name in expected_s}
-    over = [name for name, what in outcome.items() if what in OVER]
-    left_s = sum(seconds for name, seconds in expected_s.items() if name not in over)
     going = is_locked(here / JOURNAL)
+    over = [name for name in outcome if journal.is_over(name, going)]
+    left_s = sum(seconds for name, seconds in expected_s.items() if name not in over)
     ends = f"until about {shown_after(left_s)}" if going else "not running now"
     if len(over) == len(outcome):
         ends = "over"

@@ -116,6 +116,14 @@ def test_a_scan_that_the_series_resumes_is_not_over(data: Path, what: str) -> No
     assert ends[1] in {shown_after(seconds) for seconds in (3540, 3600)}  # the minute may end meanwhile
 
 
+def test_a_scan_that_an_alarm_ended_with_its_series_is_not_over(data: Path) -> None:
+    """`on_alarm: stop`, the default: what is missing of it is taken when the series is resumed."""
+    journal = Journal(data / "night")
+    journal.add("3-hut", BEGUN)
+    journal.add("3-hut", ALARM, message="too bright")
+    assert "2 of 3 scans, not running now" in plain(body(data))
+
+
 @contextmanager
 def served(folder: Path) -> Iterator[int]:
     door = socket.create_server(("127.0.0.1", 0))

@@ -17,8 +17,6 @@ NAME, PLAN = "journal.jsonl", "plan.json"
 BEGUN, DONE, ALARM, STORAGE, FAILED, INTERRUPTED, PICTURE, NO_PICTURE = (
     "begun", "done", "alarm", "storage", "failed", "interrupted", "picture", "no picture",
 )  # fmt: skip
-OVER = {DONE, ALARM}
-"""What no scan of the series is taken up from: whatever else ended one, the series resumes it."""
 WAITING, CUT_OFF = "waiting", "cut off"
 """What no line says: a run that was not begun; one whose program was killed."""
 
@@ -79,6 +77,14 @@ class Journal:
         return next(
             (line for line in reversed(self.lines) if line.run == run and line.what not in (PICTURE, NO_PICTURE)), None
         )
+
+    def is_over(self, run: str, going: bool) -> bool:
+        """Whether nothing more is taken of a run by its series, which is `going` or not: it is done, or an alarm ended
+        it and the series went on without it. One that an alarm or anything else ended with the series is resumed."""
+        last = self.last(run)
+        if last is None or last.what != ALARM:
+            return last is not None and last.what == DONE
+        return going or any(line.run != run for line in self.lines[self.lines.index(last) :])
 
     def outcome(self, run: str) -> str:
         """In a word."""
