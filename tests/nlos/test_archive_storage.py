@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,26 @@ def test_a_record_that_cannot_be_read_is_not_written_anew(tmp_path: Path, monkey
     monkeypatch.setattr(Path, "read_text", broken)
     with pytest.raises(StorageError, match=r"archive\.json: cannot be read .*Nothing was changed"):
         ArchiveRecord(tmp_path)
+
+
+def test_a_row_that_another_call_writes_between_reading_and_replacing_the_record_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    one, other = ArchiveRecord(Path("out")), ArchiveRecord(Path("out"))
+    meanwhile, read = threading.Thread(target=other.begin, args=(TASKS[1:],)), archive_record._read
+
+    def read_slowly(path: Path) -> object:
+        rows = read(path)
+        if meanwhile.ident is None:
+            meanwhile.start()
+            meanwhile.join(0.3)  # it waits for its turn
+        return rows
+
+    monkeypatch.setattr(archive_record, "_read", read_slowly)
+    one.begin(TASKS[:1])
+    meanwhile.join()
+    assert [row["file"] for row in json.loads(Path("out/archive.json").read_bytes())] == ["a.h5", "b.h5", "c.h5"]
 
 
 def test_a_record_of_thousands_of_files_looks_at_each_name_a_few_times(

@@ -9,12 +9,15 @@ file as it was: path, bytes, modified_ns, sha256).
 import json
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.disk_refusal import disk_refusal
+from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.cli.archive_inputs import changed
 from nlos.cli.archive_made_with import differences, made_with
 from nlos.cli.archive_page import page
@@ -33,6 +36,7 @@ MADE = ("done", "partial")
 """Outcomes that come with results."""
 EVERY_S = 1.0
 """archive.json is written so often while files are done, and at the end whatever ends it."""
+WAITS_S = 10.0
 
 
 class ArchiveRecord:
@@ -153,8 +157,9 @@ class ArchiveRecord:
     def write(self) -> None:
         """Replaces archive.json at once: a reader meets the old one or the new one. What another call has written into
         it meanwhile stays. Raises `StorageError`."""
-        self._know(row for row in _read(self.path) if row["folder"] not in self._own)
-        _replace(self.path, json.dumps(self._in_order(), indent=1) + "\n")
+        with _alone(self.path):
+            self._know(row for row in _read(self.path) if row["folder"] not in self._own)
+            _replace(self.path, json.dumps(self._in_order(), indent=1) + "\n")
         self._written_s = time.monotonic()
 
     def _in_order(self) -> list[Row]:
@@ -221,6 +226,24 @@ def _read(path: Path) -> Sequence[Row]:
     needed = {"file", "outcome", "reason", "code", "seconds", "folder", "method", "settings"}
     rows = [row for row in held if isinstance(row, dict) and needed <= row.keys() and isinstance(row["settings"], dict)]
     return [{"input": None, **row, "folder": Path(str(row["folder"])).name} for row in rows]
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """While no other call is between reading and replacing it; after `WAITS_S`, or on a disk that has no locks, all the
+    same: a row is lost then where two do so at once."""
+    lock, until_s = None, time.monotonic() + WAITS_S
+    while lock is None and time.monotonic() < until_s:
+        try:
+            lock = WriterLock(path)
+        except StorageError as error:
+            if error.__cause__ is not None:  # it is the disk that refuses, and no other call that has it
+                break
+    try:
+        yield
+    finally:
+        if lock is not None:
+            lock.release()
 
 
 def _replace(path: Path, text: str) -> None:
