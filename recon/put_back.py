@@ -14,7 +14,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -22,31 +22,38 @@ import numpy as np
 _log = logging.getLogger(__name__)
 _lock = threading.RLock()
 _inside = 0
-_before: "list[tuple[str, Any, Callable[[], Any], Callable[[Any], object]]]" = []
+_Setting = tuple[str, Callable[[], Any], Callable[[Any], object]]
+"""In words, what it is, and how it is set."""
+_Kept = tuple[str, Any, Callable[[], Any], Callable[[Any], object]]
+"""The same, with what it was."""
+_before: list[_Kept] = []
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP") if hasattr(signal, name))
 
 
 @contextmanager
 def put_back(whose: str) -> Iterator[None]:
     """Puts back what was changed within the block, and says whose doing that was. Where several threads are within such
-    blocks, the last one that leaves puts back what was before the first one came."""
+    blocks, the last one that leaves puts back what was before the first one came; what signals do, which the main
+    thread alone can set, that one puts back as it leaves."""
     global _inside
     with contextlib.suppress(ImportError):
         importlib.import_module("torch")  # before it is loaded there is nothing of it to put back
+    handlers = _as_they_are(_handlers())
     with _lock:
         if _inside == 0:
-            _before[:] = [(what, get(), get, set_) for what, get, set_ in _shared()]
+            _before[:] = _as_they_are(_shared())
         _inside += 1
     try:
         with _of_this_thread():
             yield
     finally:
+        changed = _returned(handlers)
         with _lock:
             _inside -= 1
             if _inside == 0:
-                changed = [what for what, was, get, set_ in _before if _returned(was, get, set_)]
-                if changed:
-                    _say_changed(whose, ", ".join(changed))
+                changed += _returned(_before)
+        if changed:
+            _say_changed(whose, ", ".join(changed))
 
 
 @cache
@@ -55,21 +62,23 @@ def _say_changed(whose: str, changed: str) -> None:
     _log.warning("%s changed %s for the whole program: that is put back", whose, changed)
 
 
-def _returned(was: Any, get: Callable[[], Any], set_: Callable[[Any], object]) -> bool:
-    """Whether something had changed; it is as it was then."""
-    if get() == was:
-        return False
-    set_(was)
-    return True
+def _as_they_are(settings: Iterator[_Setting]) -> list[_Kept]:
+    return [(what, get(), get, set_) for what, get, set_ in settings]
 
 
-def _shared() -> "Iterator[tuple[str, Callable[[], Any], Callable[[Any], object]]]":
-    """In words, what it is, and how it is set."""
+def _returned(kept: list[_Kept]) -> list[str]:
+    """What had changed, in words; it is as it was then."""
+    changed = []
+    for what, was, get, set_ in kept:
+        if get() != was:
+            set_(was)
+            changed.append(what)
+    return changed
+
+
+def _shared() -> Iterator[_Setting]:
     yield "the current folder", _folder, _go_to
     yield "warnings to errors", _errors_of_warnings, _no_more_errors
-    if threading.current_thread() is threading.main_thread():  # others cannot set them
-        for number in _SIGNALS:
-            yield f"what {number.name} does", *_handler(number)
     torch = sys.modules.get("torch")
     if torch is not None and hasattr(torch, "get_default_device"):  # else it is being imported
         yield "PyTorch's default type", torch.get_default_dtype, torch.set_default_dtype
@@ -124,10 +133,8 @@ def _no_more_errors(was: list[Any]) -> None:
     warnings.filters[:] = kept  # type: ignore[index]
 
 
-def _handler(number: signal.Signals) -> tuple[Callable[[], Any], Callable[[Any], object]]:
-    def put(was: Any) -> None:
-        # None is one that no Python set, and none can; and only one thread may set any.
-        if was is not None and threading.current_thread() is threading.main_thread():
-            signal.signal(number, was)
-
-    return lambda: signal.getsignal(number), put
+def _handlers() -> Iterator[_Setting]:
+    if threading.current_thread() is threading.main_thread():  # others cannot set them
+        for number in _SIGNALS:
+            if signal.getsignal(number) is not None:  # one that no Python set, and none can
+                yield f"what {number.name} does", partial(signal.getsignal, number), partial(signal.signal, number)

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import threading
 import warnings
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import torch
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.put_back import _say_changed
+from nlos.recon.put_back import _say_changed, put_back
 from nlos.recon.reconstruct import reconstruct
 from tests.command import nlos as command_nlos
 from tests.scan_texts import EIGHT_BY_EIGHT, recorded
@@ -97,6 +98,29 @@ def test_what_it_changes_of_the_whole_program_is_put_back(
     assert shared() == before
     assert [f" changed {what} for the whole program" in line for line in said] == [True] * len(said)
     assert bool(said) == bool(what)
+
+
+def test_ctrl_c_is_put_back_while_another_thread_still_makes_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That one, which left last, could not: the scan was deaf from then on."""
+    monkeypatch.setattr("nlos.recon.put_back._say_changed", lambda whose, changed: None)
+    before, inside, release = signal.getsignal(signal.SIGINT), threading.Event(), threading.Event()
+
+    def picture() -> None:
+        with put_back("theirs"):
+            inside.set()
+            release.wait(60)
+
+    other = threading.Thread(target=picture)
+    try:
+        with put_back("mine"):
+            other.start()
+            assert inside.wait(60)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        assert signal.getsignal(signal.SIGINT) is before
+    finally:
+        signal.signal(signal.SIGINT, before)
+        release.set()
+        other.join(60)
 
 
 def test_a_followed_scan_without_its_picture_ends_with_the_methods_exit_code(
