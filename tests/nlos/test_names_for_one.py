@@ -89,3 +89,6 @@ def test_a_recordings_name_leaves_room_for_those_beside_it(tmp_path: Path) -> No
             recording_target(tmp_path / name)
     with pytest.raises(UsageError, match="no name before"):
         recording_target(tmp_path / "..h5")
+    earlier = tmp_path / ("b" * (LONGEST_NAME + 5) + ".h5")
+    earlier.touch()
+    assert recording_target(earlier) == earlier

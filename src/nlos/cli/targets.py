@@ -19,7 +19,7 @@ LONGEST_NAME = 220
 def recording_target(path: Path) -> Path:
     """`path`, a recording that is to be written. Raises `UsageError` for another kind of name or place."""
     _check_kind(path, RECORDINGS, "a recording")
-    if (length := len(os.fsencode(path.name))) > LONGEST_NAME:
+    if (length := len(os.fsencode(path.name))) > LONGEST_NAME and not os.path.exists(path):  # one of before goes on
         raise UsageError(
             f"{path.name[:40]}...: is a name of {length} bytes; files beside it get longer ones, so a recording's has "
             f"{LONGEST_NAME} at most. Choose a shorter one."
