@@ -21,6 +21,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.point import ELSEWHERE, LIGHT, LIVE, PORT
 from nlos.cli.seconds import check_seconds
+from nlos.cli.targets import log_target
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ def monitor(
     only for --light seconds, or while SPACE is held. `q` ends."""
     window = _window(gate)
     check_seconds("--for", seconds, may_be_none_at_all=False)
-    if log is not None and log.exists() and not overwrite:
-        raise FileExistsError(f"{log}: exists. Choose another name, or use --overwrite.")
+    if log is not None:
+        log_target(log, overwrite)
     table = load_bench(bench)
     wanted = {"counter"} | (set() if at is None else {"mirror"})
     with (
@@ -155,6 +156,7 @@ def _logged(path: Path | None) -> Iterator[Writer]:
     if path is None:
         yield Writer()
         return
+    path.parent.mkdir(exist_ok=True)
     with path.open("w", encoding="utf-8", newline="") as file:
         yield Writer(file)
 

@@ -12,6 +12,7 @@ from nlos.names_for_one import folded, taken_for_one
 RECORDINGS = (".h5", ".hdf5")
 PICTURES = (".png", ".pdf", ".svg")
 PAGES = (".html", ".htm")
+LOGS = (".csv",)
 LONGEST_NAME = 220
 """Bytes. File systems take 255, and what is saved of a recording that somebody deletes has up to 29 more."""
 
@@ -41,6 +42,16 @@ def page_target(path: Path) -> Path:
     """The same for a page."""
     _check_kind(path, PAGES, "a page")
     _check_folder(path)
+    return path
+
+
+def log_target(path: Path, overwrite: bool) -> Path:
+    """The same for a log of what was seen, given as `--log`. Raises `FileExistsError` where it may not be replaced: a
+    link to nothing neither."""
+    _check_kind(path, LOGS, "a log")
+    _check_folder(path, "--log")
+    if os.path.lexists(path) and not overwrite:
+        raise FileExistsError(f"{path}: exists. Choose another name, or use --overwrite.")
     return path
 
 
@@ -79,9 +90,9 @@ def _check_kind(path: Path, suffixes: tuple[str, ...], what: str) -> None:
         raise UsageError(f"{path}: is a folder. Name the file in it.")
 
 
-def _check_folder(path: Path) -> None:
+def _check_folder(path: Path, option: str = "-o") -> None:
     """One missing folder is made, a missing way to it is a mistake: another disk, or a slip of the pen."""
     folder = path.absolute().parent
     if not folder.is_dir() and (folder.exists() or not folder.parent.is_dir()):
         missing = folder if folder.exists() else folder.parent
-        raise UsageError(f"{path}: {missing} is not a folder. Make it first, or choose another place with -o.")
+        raise UsageError(f"{path}: {missing} is not a folder. Make it first, or choose another place with {option}.")
