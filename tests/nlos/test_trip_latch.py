@@ -67,7 +67,8 @@ def test_a_trip_of_a_ttl_shutter_stands_until_it_is_cleared_by_name(
 
 def test_shutter_close_needs_only_what_drives_the_shutter(nlos: Nlos, tmp_path: Path) -> None:
     for name in ("simulated", "multiharp"):
-        assert nlos("shutter", "close", "--bench", name).returncode == 0
+        done = nlos("shutter", "close", "--bench", name)
+        assert (done.returncode, done.stdout) == (0, "the shutter is closed\n")
     text = find("bench", "simulated").read_text().replace("model: tcspc488\ngeometry", "model: none\ngeometry")
     (tmp_path / "none.yaml").write_text(text)
     assert nlos("shutter", "close", "--bench", "none.yaml").returncode == 4
@@ -87,7 +88,11 @@ def test_no_log_and_no_wrong_key_keep_the_shutter_from_being_told(nlos: Nlos, tm
     assert "nonsense_key" in asked.stderr
     assert "NOT CONFIRMED CLOSED" in asked.stderr
     (tmp_path / "broken.yaml").write_text(real.replace("mirror:", "mirror_:"))
-    assert nlos("shutter", "close", "--bench", "broken.yaml").returncode == 2
+    broken = nlos("shutter", "close", "--bench", "broken.yaml")
+    assert (broken.returncode, "mirror_" in broken.stderr) == (2, True), broken.stderr
+    (tmp_path / "rehearsed.yaml").write_text(f"{find('bench', 'simulated').read_text()}\nnonsense_key: 3\n")
+    rehearsed = nlos("shutter", "close", "--bench", "rehearsed.yaml")  # no light is out there
+    assert (rehearsed.returncode, "nonsense_key" in rehearsed.stderr) == (2, True), rehearsed.stderr
 
 
 @pytest.mark.parametrize(
