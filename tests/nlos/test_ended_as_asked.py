@@ -139,20 +139,3 @@ def test_damage_to_a_scan_that_ended_as_asked_is_damage(nlos: Nlos, tmp_path: Pa
 def test_only_its_last_words_tell(status: Status, said: list[str], word: str) -> None:
     events = [("shutter", "opened"), *(("scan", each) for each in said), ("shutter", "closed")]
     assert word_of(status, events) == word
-
-
-@pytest.mark.usefixtures("run_h5")
-def test_a_picture_that_lies_where_a_replays_would_go_is_told_before_anything_is_written(
-    nlos: Nlos, tmp_path: Path
-) -> None:
-    words = ("replay", "run.h5", "--speed", "max", "--reconstruct", "lct")
-    for recording, more in (("again", ("-o", "again.h5")), ("run", ())):
-        (tmp_path / recording).mkdir()
-        (tmp_path / recording / "reconstruction.h5").write_bytes(b"of yesterday")
-        done = nlos(*words, *more)
-        assert (done.returncode, f"{recording}: holds a picture" in done.stderr) == (6, True), done.stderr
-        assert (tmp_path / recording / "reconstruction.h5").read_bytes() == b"of yesterday"
-    assert not (tmp_path / "again.h5").exists()
-    nlos(*words, "-o", "third.h5", check=True)  # which the picture of run.h5 does not hinder
-    assert (tmp_path / "third" / "reconstruction.h5").exists()
-    assert nlos(*words[:4], "-o", "third.h5").returncode == 6

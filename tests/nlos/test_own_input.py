@@ -89,6 +89,23 @@ def test_a_folder_is_not_replaced_by_a_file(folder: Path, words: str) -> None:
     assert sorted(folder.iterdir()) == before
 
 
+def test_a_picture_where_a_replays_would_go_is_told_before_anything_is_written(folder: Path) -> None:
+    words = ("replay", "run.h5", "--speed", "max", "--reconstruct", "lct")
+    for recording, more in (("again", ("-o", "again.h5")), ("run", ())):
+        (folder / recording).mkdir()
+        (folder / recording / "reconstruction.h5").write_bytes(b"of yesterday")
+        done = command(folder, *words, *more)
+        assert (done.returncode, f"{recording}: holds a picture" in done.stderr) == (6, True), done.stderr
+        assert (folder / recording / "reconstruction.h5").read_bytes() == b"of yesterday"
+    assert not (folder / "again.h5").exists()
+    done = command(folder, *words, "-o", "third.h5", check=True)  # which the picture of run.h5 does not hinder
+    assert "third.h5: 25 samples" in done.stdout
+    assert (folder / "third" / "reconstruction.h5").exists()
+    kept = (folder / "third.h5").read_bytes()
+    assert command(folder, *words[:4], "-o", "third.h5").returncode == 6
+    assert (folder / "third.h5").read_bytes() == kept
+
+
 def test_marks_that_are_no_text_are_refused(folder: Path) -> None:
     done = command(folder, "jog", "--marks", "run.h5")
     assert (done.returncode, "run.h5: is no text, so no table of spots" in done.stderr) == (2, True), done.stderr

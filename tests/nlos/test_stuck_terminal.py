@@ -1,6 +1,7 @@
 """A terminal that takes nothing more (Ctrl-S, a connection that hangs) holds up nothing while light is on, nor the end
 of a recording, nor of a command that is told to end."""
 
+import contextlib
 import os
 import pty
 import signal
@@ -67,6 +68,26 @@ def test_what_waits_in_the_dark_waits_no_longer_once_nothing_may(hurried: str) -
             else:
                 tell_to_end()
             thread.join()
+        os._exit(0)
+
+    assert _ends(write) == 0
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_what_was_written_before_the_first_bench_is_not_waited_for_once_the_command_is_told_to_end() -> None:
+    ours, theirs = pty.openpty()
+
+    def write() -> None:
+        stream = OutlivingStream(os.fdopen(theirs, "w"))
+        stream.write("x" * 1000)  # no whole line: it is kept below
+        os.set_blocking(theirs, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(theirs, b"x" * 512)
+        os.set_blocking(theirs, True)
+        tell_to_end()
+        stream.flush()
         os._exit(0)
 
     assert _ends(write) == 0
