@@ -59,18 +59,29 @@ def test_light_whose_time_is_over_while_it_is_switched_on_goes_off(tmp_path: Pat
         assert rung.dark, at
 
 
-def test_the_timer_rings_again_where_the_shutter_did_not_close(tmp_path: Path) -> None:
-    settings = load("bench", str(bench_file(tmp_path, "S1, TTL shutter")), BenchSettings).settings
-    with open_partial_bench(settings, BOTH) as bench:
+@pytest.mark.parametrize(("name", "fails"), [("S1, TTL shutter", 0), ("S1, TTL shutter", 2), ("S2", 0)])
+def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_not_close(
+    tmp_path: Path, name: str, fails: int
+) -> None:
+    """As where a terminal takes no more: nobody calls `tick`. No watchdog has to."""
+    settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
+    patient = settings.safety.model_copy(update={"watchdog_s": 60.0})
+    told: list[str] = []
+    with open_partial_bench(settings.model_copy(update={"safety": patient}), BOTH) as bench:
+        bench.events.listener = lambda kind, text: told.append(text)
         light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
         assert bench.simulated is not None
         with light.timed():
             light.ask(0.3)
-            bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=2))
-            until_s = time.monotonic() + 240
+            assert bench.simulated.shutter_open
+            if fails:
+                bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=fails))
+            until_s = time.monotonic() + 30
             while bench.simulated.shutter_open and time.monotonic() < until_s:
-                time.sleep(0.01)  # as where a terminal takes no more: nobody calls `tick`
+                time.sleep(0.01)
             assert not bench.simulated.shutter_open
+    assert "closed: its time is over" in told
+    assert any("NOT CONFIRMED CLOSED" in each for each in told) == (fails > 0)
 
 
 def point_in_a_child(folder: Path) -> None:
