@@ -86,6 +86,12 @@ def test_a_scan_of_two_passes_that_ended_as_asked_reads_so_everywhere(
         assert there.waits(lambda state: state["over"])["status"] == AS_ASKED
 
 
+def test_a_scan_that_replaces_another_looks_at_none_of_its_points(nlos: Nlos, run_h5: str) -> None:
+    words = ("--json", "scan", "anytime", "-o", "run.h5", "--until", "stable", "--overwrite")
+    first, again = json.loads(run_h5), json.loads(nlos(*words, check=True).stdout)
+    assert (again["taken"], again["points"]) == (first["points"], first["points"])
+
+
 @pytest.mark.usefixtures("run_h5")
 def test_what_is_replayed_says_how_the_scan_had_ended(nlos: Nlos) -> None:
     nlos("replay", "run.h5", "--speed", "max", "-o", "again.h5", check=True)

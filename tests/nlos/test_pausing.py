@@ -1,5 +1,6 @@
 """A scan that is paused by Ctrl-C on a terminal has all its samples in the file while it waits for somebody."""
 
+import io
 import os
 import pty
 import signal
@@ -8,7 +9,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.scanning.control import ScanControl
+from nlos.cli.interrupts import Interrupts
 from nlos.configs.load import find
 
 SCAN = """\
@@ -56,3 +61,18 @@ def test_nothing_is_at_stake_while_a_scan_is_paused(tmp_path: Path) -> None:
         child.wait()
         os.close(terminal)
     assert 0 < paused_at == acknowledged(run) < 1024
+
+
+@pytest.mark.parametrize(("at_a_terminal", "why"), [(True, "Ctrl-C in the terminal"), (False, "SIGINT")])
+def test_a_recording_names_no_terminal_where_there_was_none(
+    monkeypatch: pytest.MonkeyPatch, at_a_terminal: bool, why: str
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    monkeypatch.setattr("sys.stdin.isatty", lambda: at_a_terminal)
+    control = ScanControl()
+    with Interrupts().caught() as interrupts:
+        interrupts.pauses(control, shuttered=True)
+        signal.raise_signal(signal.SIGINT)
+        assert (control.wanted, interrupts.seen) == (why, True)
+        with pytest.raises(KeyboardInterrupt):  # a second one does not wait for the pause
+            signal.raise_signal(signal.SIGINT)

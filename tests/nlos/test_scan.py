@@ -34,6 +34,20 @@ def test_a_scan_is_recorded_exported_and_not_taken_twice(nlos: Nlos, small: Path
     assert np.allclose(exported["exposure_s"], 2e-3)
 
 
+def test_a_picture_that_lies_where_the_scans_would_go_is_told_before_any_light(
+    nlos: Nlos, small: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "reconstruction.h5").write_bytes(b"of yesterday")
+    refused = nlos("scan", str(small), "-o", "run.h5", "--reconstruct", "lct")
+    assert (refused.returncode, "run: holds a picture" in refused.stderr) == (6, True), refused.stderr
+    assert not (tmp_path / "run.h5").exists()
+    assert nlos("scan", str(small), "-o", "run.h5").returncode == 0  # which makes none
+    assert (tmp_path / "run" / "reconstruction.h5").read_bytes() == b"of yesterday"
+    assert nlos("scan", str(small), "-o", "other.h5", "--reconstruct", "lct").returncode == 0
+    assert (tmp_path / "other" / "reconstruction.h5").exists()
+
+
 def test_a_resumed_scan_says_what_it_could_not_read(nlos: Nlos, small: Path, tmp_path: Path) -> None:
     (tmp_path / "run.h5").write_bytes(b"no recording")
     done = nlos("scan", str(small), "-o", "run.h5", "--resume")

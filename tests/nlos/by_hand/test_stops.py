@@ -12,8 +12,9 @@ from nlos.by_hand.opening import in_hand
 from nlos.by_hand.stops import Stops
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
-from nlos.drivers.errors import DeviceTimeout, SafetyTrip
-from tests.acquisition.witnessed_bench import bench_file
+from nlos.drivers.errors import DeviceLost, DeviceTimeout, SafetyTrip
+from nlos.drivers.simulated.faults import Fault
+from tests.acquisition.witnessed_bench import bench_file, witnessed
 
 
 @pytest.fixture
@@ -68,3 +69,34 @@ def test_no_moment_of_ctrl_z_stops_with_the_light_on(hand_without_timer: Abstrac
         assert hand.light.lit
         hand.update()
         assert stops.lit == [False]
+
+
+def test_a_mirror_whose_cable_is_pulled_ends_light_by_hand_also_while_nothing_is_said_to_it(tmp_path: Path) -> None:
+    table = load("bench", str(bench_file(tmp_path, "S2")), BenchSettings)
+    with pytest.raises(DeviceLost):
+        pulled(in_hand(table, {"mirror"}, 5.0))
+    assert witnessed(tmp_path)[-1] != "shutter open"
+    assert "shutter closed" in witnessed(tmp_path)
+
+
+def pulled(in_hand_: AbstractContextManager[Hand]) -> None:
+    with in_hand_ as hand:
+        hand.ask_for_light(5.0)
+        assert hand.light.lit
+        assert hand.bench.simulated is not None
+        hand.bench.simulated.faults.add(Fault(name="G8", after_s=hand.bench.clock.now()))
+        for _ in range(20):
+            hand.update()
+        raise AssertionError("nobody looked after the mirror")
+
+
+def test_light_by_hand_ends_without_a_timer_where_the_system_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr("signal.setitimer", raising=False)
+    with in_hand(load("bench", str(bench_file(tmp_path, "S2")), BenchSettings), {"mirror"}, 0.2) as hand:
+        hand.ask_for_light(0.2)
+        assert hand.light.lit
+        while hand.light.wanted:
+            hand.update()
+        assert not hand.light.lit
