@@ -1,6 +1,7 @@
 """Where an adaptive scan looks next: dwell by the light, place by intervals, and nobody is waited for."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -181,6 +182,14 @@ def test_an_adaptive_scan_is_planned_taken_shown_verified_and_replayed(run: Path
     with Recording.open(run) as first, Recording.open(folder / "again.h5") as second:
         pairs = list(zip(first.samples(), second.samples(), strict=True))
         assert all(a.point == b.point and (a.histogram.counts == b.histogram.counts).all() for a, b in pairs)
+
+
+def test_a_scan_that_replaces_another_is_advised_by_its_own_light_alone(run: Path, tmp_path: Path) -> None:
+    again = Path(shutil.copy(run, tmp_path / "run.h5"))
+    nlos(tmp_path, "scan", str(run.parent / "scan.yaml"), "-o", "run.h5", "--overwrite")
+    with Recording.open(run) as first, Recording.open(again) as second:
+        assert [each.point for each in second.samples()] == [each.point for each in first.samples()]
+    assert why(again) == why(run)
 
 
 def test_every_other_verb_opens_it(run: Path) -> None:

@@ -67,6 +67,7 @@ def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_no
     settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
     patient = settings.safety.model_copy(update={"watchdog_s": 60.0})
     told: list[str] = []
+    before = signal.getsignal(signal.SIGALRM)
     with open_partial_bench(settings.model_copy(update={"safety": patient}), BOTH) as bench:
         bench.events.listener = lambda kind, text: told.append(text)
         light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
@@ -80,6 +81,7 @@ def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_no
             while bench.simulated.shutter_open and time.monotonic() < until_s:
                 time.sleep(0.01)
             assert not bench.simulated.shutter_open
+    assert signal.getsignal(signal.SIGALRM) is before
     assert "closed: its time is over" in told
     assert any("NOT CONFIRMED CLOSED" in each for each in told) == (fails > 0)
 
