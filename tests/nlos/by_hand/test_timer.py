@@ -74,7 +74,7 @@ def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_no
         assert bench.simulated is not None
         with light.timed():
             light.ask(0.3)
-            assert bench.simulated.shutter_open
+            assert light.lit
             if fails:
                 bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=fails))
             until_s = time.monotonic() + 30

@@ -90,8 +90,13 @@ def test_there_is_light_by_hand_once_somebody_has_turned_the_laser_down(
     """Of a real bench; a simulated laser has no power to turn down."""
     settings = load("bench", str(bench_file(tmp_path, {"alignment": {"power_mw": 2.0}})), BenchSettings).settings
     asked: list[str] = []
+
+    def agrees(what: str, word: str) -> bool:
+        asked.append(f"{what} {word}")
+        return agreed
+
     monkeypatch.setattr(opening, "somebody_is_there", lambda: there)
-    monkeypatch.setattr(opening, "agrees", lambda what, word: bool(asked.append(f"{what} {word}")) or agreed)
+    monkeypatch.setattr(opening, "agrees", agrees)
     with open_partial_bench(settings, {"counter"}) as bench:
         assert opening.why_no_light(bench) == ""
         assert not asked
