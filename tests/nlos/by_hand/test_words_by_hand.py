@@ -1,5 +1,6 @@
 """What `point` and `monitor` are told, and what stands against light: refused in a sentence, before anything moves."""
 
+import csv
 import os
 import signal
 import sys
@@ -131,3 +132,14 @@ def test_ctrl_z_while_light_may_be_on_stops_only_once_it_is_off(monkeypatch: pyt
             assert (hand.wanted, stopped) == (False, ["stop", "on"])
         os.kill(os.getpid(), signal.SIGTSTP)  # an instrument may be spoken to now
         assert (hand.wanted, stopped) == (True, ["stop", "on"])
+
+
+def test_light_at_full_duty_is_not_interrupted_and_a_window_shows_that_part_alone(tmp_path: Path) -> None:
+    bench_file(tmp_path, {"alignment": {"period_s": 0.5}})
+    words = "monitor --gate 40:60 --light 0.9 --for 1.2 --log m.csv --bench bench.yaml"
+    done = nlos(tmp_path, *words.split())
+    assert done.returncode == 0, done.stderr
+    lit = [row for row in csv.DictReader((tmp_path / "m.csv").open()) if row["light"] == "1"]
+    assert lit
+    assert not any(row["direct_ns"] for row in lit)  # it lies at 13.7 ns
+    assert len(account(tmp_path).lit) == 1
