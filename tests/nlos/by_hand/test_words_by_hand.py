@@ -143,3 +143,12 @@ def test_light_at_full_duty_is_not_interrupted_and_a_window_shows_that_part_alon
     assert lit
     assert not any(row["direct_ns"] for row in lit)  # it lies at 13.7 ns
     assert len(account(tmp_path).lit) == 1
+
+
+@pytest.mark.parametrize("words", ["point 0.1 0", "monitor --at 0.1 0 --for 1"])
+def test_a_beam_without_its_mirror_is_sent_nowhere_and_the_mirror_named(tmp_path: Path, words: str) -> None:
+    missing = {"name": "G10", "times": 99, "parameters": {"kind": "missing"}}
+    bench_file(tmp_path, {"simulation": {"faults": [missing]}})
+    done = nlos(tmp_path, *words.split(), "--bench", "bench.yaml")
+    assert (done.returncode, "nlos: triggerscope" in done.stderr) == (3, True), done.stderr
+    assert not account(tmp_path).lit
