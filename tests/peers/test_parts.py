@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 PAGE = (Path(__file__).parents[2] / "docs/peers.md").read_text(encoding="utf-8")
-CHECKOUTS = re.findall(r"git clone .*/([\w.-]+)$", PAGE, re.MULTILINE)
+CHECKOUTS = re.findall(r"git clone .*/([\w.-]+)$", PAGE.partition("Then `NLOS_PEERS=")[0], re.MULTILINE)
 PACKAGES = {
     "snapi": "snAPI",
     "pyvisa-py": "pyvisa_py",

@@ -11,17 +11,21 @@ WAITS_S = 10.0
 
 
 def end_within(code: int, wait_s: float = WAITS_S) -> None:
-    """From now on Python waits for every thread, and may do so for ever: after `wait_s` the process ends with `code`.
-    To be called when all is done, written and said."""
+    """Python waits for every thread, and may do so for ever: where there are any left, the process ends with `code`
+    after `wait_s`. To be called when all is done, written and said."""
 
     def end() -> None:
         time.sleep(wait_s)
-        main = threading.main_thread()
-        left = [each.name for each in threading.enumerate() if not each.daemon and each is not main]
-        terminal.log(f"nlos: done; threads that go on are not waited for: {', '.join(left)}", -9)
+        terminal.log(f"nlos: done; threads that go on are not waited for: {', '.join(_left())}", -9)
         try:
             close_benches()  # what Python would do once all threads have ended
         finally:
             os._exit(code)
 
-    threading.Thread(target=end, daemon=True, name="end").start()
+    if _left():
+        threading.Thread(target=end, daemon=True, name="end").start()
+
+
+def _left() -> list[str]:
+    """Names of those that Python waits for."""
+    return [each.name for each in threading.enumerate() if not each.daemon and each is not threading.main_thread()]
