@@ -22,7 +22,7 @@ COUNTS = (20, 5, 1)
 BACKGROUND = 0.02
 """Of the mean peak, in every bin."""
 SEED = 9000
-METHODS = ("lct", "fk", "phasor", "faithful", "lfe_4000", "nlost_4000", "unet_4000", "nano_4000", "nano")
+METHODS = ("lct", "fk", "phasor", "lfe_4000", "nlost_4000", "unet_4000", "nano")
 SHOWN = ("lct", "phasor", "nano")
 TWO_BOUNCES = "room_two_bounces"
 
@@ -55,10 +55,10 @@ def page(folder: Path, picture: Path) -> str:
         "# Fresh scenes\n\n"
         f"{len(names)} scenes that nothing here was trained, chosen or tuned on: models that others made, rendered by\n"
         "mitransient 1.3.1 with shadows, and a truth by Mitsuba 3; 64 x 64 points, 512 bins of 32 ps, a wall of 2 m.\n"
-        "Weights and code were those before them, and no scene was changed or taken out after a picture of it was made.\n"
+        "Weights and code were those before them; no scene was turned or taken out after a picture was made of it.\n"
         "[Peers](peers.md) says what it takes to make them again.\n\n"
-        "The seven scenes of the [results](results.md) helped to choose designs: margins there are higher, of print and\n"
-        "thin things above all. Two here are no plain scenes: `glossy` has a sheen that no method knows of, and\n"
+        "The seven scenes of the [results](results.md) helped to choose designs: margins there are higher, of print\n"
+        "and thin things above all. Two here are no plain scenes: `glossy` has a sheen that no method knows of, and\n"
         f"`{TWO_BOUNCES}` is `room` with light that went between the doll and the plate behind it as well.\n\n"
         f"![Front views and depths of 20 counts](results/{picture.name})\n\n"
         f"{at_a_glance(quality.rows)}\n"

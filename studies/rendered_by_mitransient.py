@@ -146,7 +146,7 @@ def rendered(name: str, meshes: Path, points: int, passes: int) -> np.ndarray:
                 "nlos_laser_sampling": True,
                 "nlos_hidden_geometry_sampling": True,
                 "temporal_filter": "box",
-                "max_depth": 3 + bounces,
+                "max_depth": 2 + bounces,  # surfaces that light meets, the wall twice
                 "rr_depth": 100,
                 "discard_direct_paths": True,
             },
