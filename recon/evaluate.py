@@ -108,7 +108,7 @@ def evaluate(
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word of
     `methods` may be a method's file, or `NAME=FILE`: such a file, or weights, which say their method. `response` may
     put another response in place of the file's or the condition's. `step(done, total, at)` is called after every
-    reconstruction. A method that fails on a scene under a condition is left out of it, and the others go on: see
+    reconstruction. A method that fails on a scene under a condition is excluded there, and the others go on: see
     `Evaluation.without`. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition
     that does not exist and for two scenes of one name, and what the first one raised where none made any picture.
     """

@@ -12,11 +12,13 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from types import FrameType
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 from tests import campaign_journal, sampled
+from tests.chromium import CHROMIUM
 from tests.left_behind import MARK, Held, end_processes, left_behind
 
 _STATE = tempfile.mkdtemp(prefix="nlos-state-")
@@ -112,3 +114,14 @@ def one_child_reads(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         with contextlib.suppress(InvalidData):
             reader.check(empty, "nlos.acquisition.recording.read_by_child:read_through")
         yield
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, for modules that are marked `needs_chromium`."""
+    from playwright import sync_api
+
+    with sync_api.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()

@@ -28,10 +28,10 @@ from nlos.recon.pictures import BACKGROUND
 from nlos.recon.results import read_reconstruction
 from nlos.recon.seen import depth_limits, depth_opacity, visible_depth
 from tests import command
+from tests.chromium import needs_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+pytestmark = needs_chromium
 
 SCAN = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
@@ -52,14 +52,6 @@ def folder() -> Iterator[Path]:
         (there / "scan.yaml").write_text(SCAN)
         command.nlos(there, "scan", "scan.yaml", "-o", "run.h5", check=True)
         yield there
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """The pages that are files - reports, runs, archives, examinations - on a narrow screen, on paper, without a script."""
 
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,11 @@ from nlos.runs.index import RunsIndex
 from nlos.runs.page import write_page as write_runs
 from nlos.series.journal import ALARM, Journal
 from nlos.status_page import body
+from tests.chromium import needs_chromium
 from tests.nlos.test_status_page import growing
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+pytestmark = needs_chromium
 
 SCAN = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}
@@ -39,14 +38,6 @@ BROKEN = """() => [...document.querySelectorAll("td:not(:last-child), th")].filt
     if (word[0].length > 40) return false;
     range.setStart(cell.firstChild, word.index); range.setEnd(cell.firstChild, word.index + word[0].length);
     return range.getClientRects().length > 1; }); }).map(cell => cell.textContent)"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 def an_archive(folder: Path) -> Path:

@@ -1,7 +1,6 @@
 """The 3D view as a browser draws it: of scenes of any size, by keys, and by two fingers."""
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -13,22 +12,14 @@ import pytest
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Reconstruction, Volume
+from tests.chromium import needs_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+pytestmark = needs_chromium
 
 WRITTEN = """() => { window.written = []; const pen = CanvasRenderingContext2D.prototype, put = pen.fillText;
   pen.fillText = function(...what) { written.push(what); put.apply(this, what); }; }"""
 PIXELS = "document.getElementById('view').toDataURL()"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 def made(size_m: float, points: int) -> Reconstruction:

@@ -38,7 +38,7 @@ def status(
     where = folder or data_folder() or Path()
     if not where.is_dir():
         raise FileNotFoundError(f"{where}: no such folder")
-    if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # as it stands in an address
+    if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # what an address may hold
         raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
     try:
         door = socket.create_server((host, port))
