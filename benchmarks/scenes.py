@@ -16,9 +16,9 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.batches import batch_at
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.network import build, objective
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import Surfels, make_scene, surfels
-from nlos.recon.training.train import build, objective
 from nlos.recon.training.train_settings import TrainSettings
 
 WALL, TIME = WallGrid(2.0, 2.0, 64, 64), TimeAxis(256, 64e-12)

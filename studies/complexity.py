@@ -20,7 +20,7 @@ from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import LossSettings
-from nlos.recon.training.train import build, objective
+from nlos.recon.training.network import build, objective
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from studies.machine import machine

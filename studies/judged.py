@@ -15,8 +15,8 @@ from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import picture_of
+from nlos.recon.training.network import build, device_here
 from nlos.recon.training.run_folder import WEIGHTS
-from nlos.recon.training.train import build, device_here
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights

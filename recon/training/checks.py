@@ -171,7 +171,7 @@ def _of_scenes(settings: TrainSettings) -> Iterator[Problem]:
 
 def _of_network(settings: TrainSettings) -> Iterator[Problem]:
     """The network itself, and the weights that it begins with."""
-    from nlos.recon.training.train import build
+    from nlos.recon.training.network import build
 
     wall, time = settings.data.wall, settings.data.time
     try:

@@ -25,10 +25,10 @@ from nlos.recon.methods.nano import CONDITIONS, Nano
 from nlos.recon.training.checkpoint import share_parameters
 from nlos.recon.training.kept_scans import KeptScans
 from nlos.recon.training.losses import losses
+from nlos.recon.training.network import build, half_precision
 from nlos.recon.training.prepared_feed import PreparedFeed, Recipe, Size, batch_of
 from nlos.recon.training.run_folder import BegunWith, about_run, save_weights
 from nlos.recon.training.running_mean import follow, with_average
-from nlos.recon.training.train import build, half_precision
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import made_on, validate
 from nlos.recon.weights.files import load_weights

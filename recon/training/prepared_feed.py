@@ -30,8 +30,8 @@ from nlos.recon.layers.wiener_volumes import VOLUMES, WienerVolumes
 from nlos.recon.methods.nano import CONDITIONS, Nano
 from nlos.recon.training.batches import pooled, whole_scan
 from nlos.recon.training.dataset import samples_of_scene
+from nlos.recon.training.network import build
 from nlos.recon.training.told import told
-from nlos.recon.training.train import build
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights

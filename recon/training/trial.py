@@ -7,8 +7,8 @@ import torch
 from nlos.recon.memory import GIB, available_bytes
 from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.training.batches import batch_at
+from nlos.recon.training.network import build, device_here, objective
 from nlos.recon.training.schedule import validation_steps
-from nlos.recon.training.train import build, device_here, objective
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
 

@@ -15,7 +15,7 @@ from nlos.recon.methods import find
 from nlos.recon.methods.nano import Nano
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.detector import DetectorSettings
-from nlos.recon.training.train import build
+from nlos.recon.training.network import build
 from nlos.recon.training.training_sample import collate
 from studies import ablations, rows
 from studies.ablations import Claim, run, written

@@ -7,7 +7,7 @@ import pytest
 from nlos.configs.load import load
 from nlos.recon.training.batches import batch_at
 from nlos.recon.training.dataset_settings import DatasetSettings
-from nlos.recon.training.train import build, objective
+from nlos.recon.training.network import build, objective
 from nlos.recon.training.train_settings import TrainSettings
 
 FOLDER = Path(__file__).parents[3] / "configs" / "train"

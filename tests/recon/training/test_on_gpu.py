@@ -18,10 +18,10 @@ from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.kept_scans import KeptScans
 from nlos.recon.training.losses import LossSettings, losses
+from nlos.recon.training.network import build
 from nlos.recon.training.on_gpu import Steps, rate_at
 from nlos.recon.training.prepared_feed import Made, Maker, Place, PreparedFeed, Recipe, Size
 from nlos.recon.training.told import told
-from nlos.recon.training.train import build
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights, read_weights

@@ -6,8 +6,8 @@ from torch import Tensor, nn
 
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.network import build, objective
 from nlos.recon.training.shallow_convolutions import ShallowInFloat32
-from nlos.recon.training.train import build, objective
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 
