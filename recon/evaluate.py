@@ -18,13 +18,9 @@ from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.truth_checks import turned_truth
-from nlos.recon.truth_scenes import Say, Scene, datasets, find_scenes, has_condition, read_scene, transient_of
+from nlos.recon.truth_scenes import Say, Scene, datasets, find_scenes, has_condition, transient_of
 from nlos.recon.volume import Reconstruction, response_words
 
-__all__ = [
-    "CONDITIONS", "Evaluation", "Row", "Scene", "Without", "as_json", "evaluate", "find_scenes", "image_scores",
-    "read_scene", "transient_of",
-]  # fmt: skip
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
 
 
@@ -90,6 +86,9 @@ class Evaluation:
     """What has no row."""
 
 
+Run = tuple[Row, Reconstruction]
+
+
 def evaluate(
     paths: Sequence[Path],
     methods: Sequence[str],
@@ -116,6 +115,67 @@ def evaluate(
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
         raise InvalidSettings(f"{', '.join(twice)}: named twice. Give each of them a name of its own, as NAME=FILE.")
     check_known([one.method for one in entrants], settings or {})
+    scenes = _scenes(paths, say)
+    _check_conditions(scenes, conditions, response)
+    notes = [
+        f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes"
+        for one in entrants
+        for scene in scenes_learned_from(one, scenes)
+    ]
+    for note in notes:
+        say(note)
+    runs, without = list[Run](), list[Without]()
+    tried = {one.name: choices(one.method, settings or {}, fixed, one.settings) for one in entrants}
+    count = sum(has_condition(scene, condition) for scene in scenes for condition in conditions)
+    course = _Course(say, step, count * sum(map(len, tried.values())))
+    for condition in conditions:
+        having = [scene for scene in scenes if has_condition(scene, condition)]
+        if len(having) < len(scenes):
+            say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
+        measured = _Measured(condition, [(scene, response(transient_of(scene, condition))) for scene in having])
+        for one in entrants:
+            if unlike := unlike_trained(one, measured.scans[0][1], having[0].falloff):
+                notes.append(f"{one.name}, {condition}: {unlike}")
+                say(notes[-1])
+            best, failed = _best_runs(one, measured, tried[one.name], device, course)
+            runs += best
+            without += failed
+    if not runs:
+        raise type(without[0].error)(str(without[0])) from without[0].error
+    notes += map(str, without)
+    for scene in scenes:
+        if said := turned_truth([made.albedo for row, made in runs if row.scene == scene.name], scene.intensity):
+            notes.append(f"{scene.name}: {said}")
+            say(notes[-1])
+    pictures = {(row.scene, row.method, row.condition): made for row, made in runs}
+    return Evaluation([row for row, _ in runs], scenes, pictures, notes, without)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """The scenes that have a condition, each with what was measured under it."""
+
+    condition: str
+    scans: list[tuple[Scene, Transient]]
+
+
+@dataclass
+class _Course:
+    """Who hears of what, and of how much is done."""
+
+    say: Say
+    step: Callable[[int, int, str], None]
+    total: int
+    done: int = 0
+
+    def after(self, at: str) -> None:
+        """One reconstruction more was made, or failed."""
+        self.done += 1
+        self.step(self.done, self.total, at)
+
+
+def _scenes(paths: Sequence[Path], say: Say) -> list[Scene]:
+    """Raises `InvalidData` where no file has a truth, `InvalidSettings` for two scenes of one name."""
     scenes = list(find_scenes(paths, say))
     if not scenes:
         raise InvalidData(
@@ -128,65 +188,45 @@ def evaluate(
                 f"{scene.path} and {other.path}: are two scenes of one name, by which figures and pictures are told "
                 "apart. Name each file once, rename one of them, or evaluate them apart."
             )
+    return scenes
+
+
+def _check_conditions(
+    scenes: Sequence[Scene], conditions: Sequence[str], response: Callable[[Transient], Transient]
+) -> None:
+    """Raises for conditions that no scene has and for what cannot be used: before hours of work, not after."""
     for condition in conditions:
         if not any(has_condition(scene, condition) for scene in scenes):
             known = ", ".join(sorted(datasets(scenes[0])))
             raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
         for scene in scenes:
             if has_condition(scene, condition):
-                response(transient_of(scene, condition))  # what cannot be used is said before hours of work, not after
-    notes = [
-        f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes"
-        for one in entrants
-        for scene in scenes_learned_from(one, scenes)
-    ]
-    for note in notes:
-        say(note)
-    rows, pictures, without = [], {}, list[Without]()
-    each = sum(len(choices(one.method, settings or {}, fixed, one.settings)) for one in entrants)
-    done, total = 0, len(conditions) * len(scenes) * each
-    for condition in conditions:
-        having = [scene for scene in scenes if has_condition(scene, condition)]
-        if len(having) < len(scenes):
-            say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
-            total -= each * (len(scenes) - len(having))
-        transients = [response(transient_of(scene, condition)) for scene in having]
-        for one in entrants:
-            if unlike := unlike_trained(one, transients[0], having[0].falloff):
-                notes.append(f"{one.name}, {condition}: {unlike}")
-                say(notes[-1])
-            best: list[tuple[Row, Reconstruction]] = []
-            failed: dict[str, Without] = {}
-            for chosen in choices(one.method, settings or {}, fixed, one.settings):
-                runs = []
-                for scene, transient in zip(having, transients, strict=True):
-                    try:
-                        if scene.name not in failed:
-                            runs.append(_run(scene, transient, one, chosen, condition, device))
-                    except (*NO_PICTURE, MemoryError) as error:
-                        failed[scene.name] = Without(scene.name, one.name, condition, error)
-                        say(str(failed[scene.name]))
-                    done += 1
-                    step(done, total, f"{condition}, {one.name}, {scene.name}")
-                best = [run for run in best if run[0].scene not in failed]
-                if not best or _mean_psnr(runs) > _mean_psnr(best):
-                    best = runs
-            without += failed.values()
-            if best:
-                say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB{_tried(best[0][0])}")
-            for row, picture in best:
-                rows.append(row)
-                pictures[row.scene, row.method, row.condition] = picture
-    if not rows:
-        raise type(without[0].error)(str(without[0])) from without[0].error
-    notes += map(str, without)
-    for scene in scenes:
-        if said := turned_truth(
-            [made.albedo for key, made in pictures.items() if key[0] == scene.name], scene.intensity
-        ):
-            notes.append(f"{scene.name}: {said}")
-            say(notes[-1])
-    return Evaluation(rows, scenes, pictures, notes, without)
+                response(transient_of(scene, condition))
+
+
+def _best_runs(
+    one: Entrant, measured: _Measured, tried: Sequence[dict[str, object]], device: str, course: _Course
+) -> tuple[list[Run], list[Without]]:
+    """By the settings of the best mean psnr, over the scenes that none of the settings failed on; and the others."""
+    best: list[Run] = []
+    failed: dict[str, Without] = {}
+    for chosen in tried:
+        runs = []
+        for scene, transient in measured.scans:
+            try:
+                if scene.name not in failed:
+                    runs.append(_run(scene, transient, one, chosen, measured.condition, device))
+            except (*NO_PICTURE, MemoryError) as error:
+                failed[scene.name] = Without(scene.name, one.name, measured.condition, error)
+                course.say(str(failed[scene.name]))
+            course.after(f"{measured.condition}, {one.name}, {scene.name}")
+        best = [run for run in best if run[0].scene not in failed]
+        if not best or _mean_psnr(runs) > _mean_psnr(best):
+            best = runs
+    if best:
+        mean = f"{measured.condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB"
+        course.say(mean + _tried(best[0][0]))
+    return best, list(failed.values())
 
 
 def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:
@@ -201,7 +241,7 @@ def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:
 
 def _run(
     scene: Scene, transient: Transient, one: Entrant, settings: dict[str, object], condition: str, device: str
-) -> tuple[Row, Reconstruction]:
+) -> Run:
     if scene.falloff is not None and "falloff" in find(one.method).Settings.model_fields:
         settings = {"falloff": scene.falloff, **settings}
     forget_peak()
@@ -228,7 +268,7 @@ def _tried(row: Row) -> str:
     return "" if row.settings.get("snr") is None else f"  at snr {row.settings['snr']:g}"
 
 
-def _mean_psnr(runs: list[tuple[Row, Reconstruction]]) -> float:
+def _mean_psnr(runs: list[Run]) -> float:
     return float(np.mean([row.psnr for row, _ in runs]))
 
 

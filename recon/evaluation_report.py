@@ -13,12 +13,13 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nlos.recon.evaluate import Evaluation, Row, Scene, as_json
+from nlos.recon.evaluate import Evaluation, Row, as_json
 from nlos.recon.pixel_marks import outline
 from nlos.recon.png import write_png
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
 from nlos.recon.small_print import drawable
+from nlos.recon.truth_scenes import Scene
 from nlos.recon.whole_files import whole_files
 
 T = TypeVar("T")

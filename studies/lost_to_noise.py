@@ -13,9 +13,9 @@ import numpy as np
 
 from nlos.acquisition.transient import Transient
 from nlos.recon.entrants import choices
-from nlos.recon.evaluate import Scene, find_scenes, transient_of
 from nlos.recon.metrics import image_scores
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.truth_scenes import Scene, find_scenes, transient_of
 from studies.added_noise import with_noise
 from studies.paired import Figures, difference
 from studies.results.kept import BASE, WEIGHTS_OF

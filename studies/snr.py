@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.evaluate import find_scenes, transient_of
+from nlos.recon.truth_scenes import find_scenes, transient_of
 
 Cube = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 CONDITIONS = ("counts_p20", "counts_p5", "counts_p1")

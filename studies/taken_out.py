@@ -13,12 +13,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from nlos.recon.evaluate import find_scenes, transient_of
 from nlos.recon.layers.physical_unfolding import SpectralIteration
 from nlos.recon.methods import find
 from nlos.recon.methods.faithful import Faithful
 from nlos.recon.methods.nano import Nano
 from nlos.recon.metrics import image_scores
+from nlos.recon.truth_scenes import find_scenes, transient_of
 from studies.paired import difference
 
 CONDITION = "counts_p20"

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.evaluate import Evaluation, Row, Scene, as_json, evaluate, find_scenes
+from nlos.recon.evaluate import Evaluation, Row, as_json, evaluate
 from nlos.recon.evaluation_report import depth_span_m, gallery
 from nlos.recon.metrics import image_scores
+from nlos.recon.truth_scenes import Scene, find_scenes
 from nlos.recon.volume import Reconstruction
 from studies.results.kept import BASE, WEIGHTS_OF, kept, of_files, of_method, weights_path
 

@@ -23,7 +23,6 @@ from nlos.chain import calibrate_scan, reconstruct_file
 from nlos.loaded import load_scan
 from nlos.recipe import Recipe
 from nlos.recon.errors import InvalidSettings
-from nlos.recon.evaluate import read_scene, transient_of
 from nlos.recon.light_cone_method import LightConeMethod
 from nlos.recon.methods import find
 from nlos.recon.metrics import image_scores
@@ -32,6 +31,7 @@ from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.detector import respond
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import Surfels, front_view, make_scene, surfels
+from nlos.recon.truth_scenes import read_scene, transient_of
 from nlos.recon.volume import Reconstruction
 from nlos.report import page
 from nlos.response import known_response, lateral_m, response_wanted, say_response

@@ -18,10 +18,11 @@ from nlos.acquisition.transient import Transient
 from nlos.recon import evaluation_report
 from nlos.recon.entrants import SNR_CHOICES
 from nlos.recon.errors import InvalidData, InvalidSettings
-from nlos.recon.evaluate import evaluate, transient_of
-from nlos.recon.evaluate import read_scene as read
+from nlos.recon.evaluate import evaluate
 from nlos.recon.evaluation_report import NAMES, write_evaluation
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.truth_scenes import read_scene as read
+from nlos.recon.truth_scenes import transient_of
 from nlos.recon.volume import Reconstruction
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic"

@@ -6,11 +6,11 @@ import torch
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.evaluate import image_scores
 from nlos.recon.interval_scores import interval_scores
 from nlos.recon.layers.finer_grid import CELLS, FinerGrid
 from nlos.recon.layers.rates import presence
 from nlos.recon.method import MethodResult, sure
+from nlos.recon.metrics import image_scores
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings

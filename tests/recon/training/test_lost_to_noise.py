@@ -6,8 +6,9 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.evaluate import evaluate, find_scenes, transient_of
+from nlos.recon.evaluate import evaluate
 from nlos.recon.training.scene_files import write_scene
+from nlos.recon.truth_scenes import find_scenes, transient_of
 from studies.added_noise import with_noise
 from studies.lost_to_noise import psnr
 

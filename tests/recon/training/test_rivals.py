@@ -9,9 +9,9 @@ import torch
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.evaluate import Scene
 from nlos.recon.methods import faithful
 from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.truth_scenes import Scene
 from studies.paired import difference
 from studies.results.quality import Quality
 from studies.rivals import PAIRS, by_scene, cell
