@@ -22,6 +22,11 @@ MAX_TEXT_BYTES = 1 << 22
 LATER = ("identity", "run_json")
 """Texts that recordings of earlier versions do not have."""
 COLUMNS = {"row": "<i4", "col": "<i4", "x_m": "<f8", "y_m": "<f8", "dwell_s": "<f8", "pass": "<i4"}
+STATES = (
+    "width_m", "height_m", "rows", "cols", "bins", "bin_width_s", "offset_s", "stop", "revisit_below", "within_px",
+    "budget", "until_stopped", "digest",
+)  # fmt: skip
+"""Attributes of `/plan`; programs that copy recordings add their own."""
 
 
 def write_header(file: h5py.File, header: Header) -> None:
@@ -37,7 +42,7 @@ def write_header(file: h5py.File, header: Header) -> None:
 
 def read_header(file: h5py.File) -> Header:
     """The header. Raises `InvalidData` naming the place, `ValueError` or `KeyError` where a text is not what it was."""
-    if file.attrs.get("format") != FORMAT:
+    if _text(file.attrs.get("format")) != FORMAT:
         raise InvalidData(f"{file.filename}: not a recording (its attribute format is {file.attrs.get('format')!r})")
     if file.attrs.get("version") != VERSION:
         raise InvalidData(f"{file.filename}: recording version {file.attrs.get('version')!r}; {VERSION} is read")
@@ -63,6 +68,11 @@ def read_header(file: h5py.File) -> Header:
     return Header.from_texts(texts)
 
 
+def _text(stored: object) -> object:
+    """A text attribute as it was written: programs that copy recordings may store it as bytes of a fixed length."""
+    return stored.decode("utf-8", "replace") if isinstance(stored, bytes) else stored
+
+
 def has_identity(file: h5py.File) -> bool:
     """Whether the file holds a random identity of its own: those of the first versions do not."""
     return _has(file, "identity")
@@ -76,7 +86,9 @@ def _has(file: h5py.File, name: str) -> bool:
 
 def write_plan(file: h5py.File, plan: ScanPlan) -> None:
     """Scalars as attributes of `/plan`, points as its datasets."""
-    group = file.create_group("plan")
+    kept = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+    kept.set_attr_phase_change(32, 16)  # in the group's own header: h5copy of HDF5 1.10 crashes on texts beyond it
+    group = h5py.Group(h5py.h5g.create(file.id, b"plan", gcpl=kept))
     stop = plan.stop
     group.attrs["width_m"], group.attrs["height_m"] = plan.wall.width_m, plan.wall.height_m
     group.attrs["rows"], group.attrs["cols"] = plan.wall.rows, plan.wall.cols
@@ -101,8 +113,8 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
     group = file["plan"]
     states = {
         name: np.asarray(group.attrs[name])
-        for name in group.attrs
-        if group.attrs.get_id(name).get_storage_size() < 1024
+        for name in STATES
+        if name in group.attrs and group.attrs.get_id(name).get_storage_size() < 1024
     }
     if len(shape) != 1:
         raise InvalidData(f"{file.filename}: plan/row: has shape {shape}")
@@ -113,7 +125,9 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
     for name, dtype in COLUMNS.items():
         item = plain_dataset(file, f"plan/{name}", shape, np.dtype(dtype))
         place = item.id.get_offset()
-        if item.chunks or place is None or place + item.nbytes > size_bytes:
+        if item.chunks:
+            raise _not_as_written(file, f"plan/{name}")
+        if place is None or place + item.nbytes > size_bytes:
             raise InvalidData(f"{file.filename}: plan/{name}: states {shape[0]} points but does not hold them")
         columns[name] = item[:]
     counts, first_bin, end_bin = (int(value) for value in states["stop"])
@@ -129,7 +143,7 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
         budget=_budget(states["budget"].tolist()) if "budget" in states else None,
         until_stopped=bool(states.get("until_stopped", 0)),
     )
-    if plan.digest() != str(states["digest"]):
+    if plan.digest() != _text(states["digest"][()]):
         raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")
     check_plan(file.filename, plan)
     return plan
@@ -138,6 +152,13 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
 def _budget(stored: list[int]) -> Budget:
     total_us, step_us, batch, after_first = stored
     return Budget(total_us, step_us, batch, bool(after_first))
+
+
+def _not_as_written(file: h5py.File, name: str) -> InvalidData:
+    return InvalidData(
+        f"{file.filename}: {name}: is compressed or in chunks, as another program stores it. Of that, "
+        f"`h5repack -f NONE -l CONTI {file.filename} NEW.h5` (HDF5's own tools) makes a recording that is read."
+    )
 
 
 def plain_dataset(
@@ -153,13 +174,9 @@ def plain_dataset(
             raise InvalidData(f"{place}: is missing or a link to elsewhere")
         parent = parent[word]
     item = parent
-    if (
-        not isinstance(item, h5py.Dataset)
-        or item.is_virtual
-        or item.external
-        or item.id.get_create_plist().get_nfilters()
-        or not chunks_fit(item)
-    ):
+    if isinstance(item, h5py.Dataset) and (item.id.get_create_plist().get_nfilters() or not chunks_fit(item)):
+        raise _not_as_written(file, name)
+    if not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
         raise InvalidData(f"{place}: is not a plain dataset of this file")
     if (shape is not None and item.shape != shape) or (dtype is not None and item.dtype != dtype):
         raise InvalidData(f"{place}: holds {item.dtype} {item.shape}, expected {dtype} {shape}")

@@ -1,0 +1,69 @@
+"""Recordings that other programs have copied or packed: read all the same, or refused with what makes them readable."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from nlos.__main__ import run
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.recording import Recording
+
+SCAN = """
+wall: {width_m: 0.8, height_m: 0.6, rows: 3, cols: 4}
+pattern: serpentine
+dwell_ms: 4
+histogram: {bins: 64, bin_width_ps: 256, offset_ns: 8}
+"""
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    scan, path = tmp_path / "scan.yaml", tmp_path / "run.h5"
+    scan.write_text(SCAN, "utf-8")
+    assert run(["scan", str(scan), "-o", str(path)]) == 0
+    return path
+
+
+def copy(source: h5py.Group, target: h5py.Group, **stored: Any) -> None:
+    """All of a group, with its texts as bytes of a fixed length and notes of the program's own, as PyTables copies."""
+    target.attrs["CLASS"], target.attrs["TITLE"] = np.bytes_("GROUP"), h5py.Empty("S1")
+    for name, value in source.attrs.items():
+        target.attrs[name] = np.bytes_(value) if isinstance(value, str) else value
+    for name, item in source.items():
+        if isinstance(item, h5py.Group):
+            copy(item, target.create_group(name), **stored)
+        else:
+            target.create_dataset(name, data=item[()], **(stored if item.shape else {}))
+
+
+def test_texts_of_a_fixed_length_and_notes_of_others_are_no_damage(recording: Path, tmp_path: Path) -> None:
+    with h5py.File(recording) as source, h5py.File(tmp_path / "copy.h5", "w") as target:
+        copy(source, target)
+    with Recording.open(recording) as first, Recording.open(tmp_path / "copy.h5") as second:
+        assert second.header == first.header
+        assert second.plan.digest() == first.plan.digest()
+        assert np.array_equal(second.transient().counts, first.transient().counts)
+    assert run(["verify", str(tmp_path / "copy.h5")]) == 0
+
+
+@pytest.mark.parametrize("stored", [{"compression": "gzip"}, {"maxshape": (None,)}, {"chunks": True}])
+def test_what_another_program_packed_is_refused_with_what_unpacks_it(
+    recording: Path, tmp_path: Path, stored: dict[str, Any]
+) -> None:
+    with h5py.File(recording) as source, h5py.File(tmp_path / "packed.h5", "w") as target:
+        copy(source, target)
+        rows = source["plan/row"][()]
+        del target["plan/row"]
+        target["plan"].create_dataset("row", data=rows, **stored)
+    with pytest.raises(InvalidData, match=r"plan/row: .*h5repack -f NONE -l CONTI .*packed\.h5 NEW\.h5"):
+        Recording.open(tmp_path / "packed.h5")
+
+
+def test_a_plans_attributes_lie_in_its_groups_header(recording: Path) -> None:
+    """Beyond it, HDF5 1.10's h5copy crashes on those that are texts."""
+    with h5py.File(recording) as file:
+        most, _ = file["plan"].id.get_create_plist().get_attr_phase_change()
+        assert len(file["plan"].attrs) <= most
