@@ -18,7 +18,7 @@ _FLOAT, _UINT32, _ARRAY_BUFFER, _ELEMENT_BUFFER, _TRIANGLES = 5126, 5125, 34962,
 
 
 def write_obj(path: Path, reconstruction: Reconstruction) -> None:
-    """Wavefront OBJ: vertices in metres with their grey, normals, quadrilaterals."""
+    """Wavefront OBJ: vertices in metres with their grey, normals, triangles, since some readers skip larger faces."""
     surface = front_surface(reconstruction)
     points, normals = surface.points_m, vertex_normals(surface)
     lines = [f"# {reconstruction.method}; metres; x right, y up, z from the wall"]
@@ -27,7 +27,9 @@ def write_obj(path: Path, reconstruction: Reconstruction) -> None:
         for (x, y, z), g in zip(points.tolist(), surface.albedo.tolist(), strict=True)
     ]
     lines += [f"vn {x:.4g} {y:.4g} {z:.4g}" for x, y, z in normals.tolist()]
-    lines += ["f " + " ".join(f"{corner + 1}//{corner + 1}" for corner in quad) for quad in surface.quads.tolist()]
+    lines += [
+        "f " + " ".join(f"{corner + 1}//{corner + 1}" for corner in face) for face in _triangles(surface).tolist()
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
@@ -51,11 +53,16 @@ def write_glb(path: Path, reconstruction: Reconstruction) -> None:
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
+def _triangles(surface: Surface) -> npt.NDArray[np.int32]:
+    """The quadrilaterals as triangles, (2 M, 3), of the same sense of rotation."""
+    return np.concatenate([surface.quads[:, [0, 1, 2]], surface.quads[:, [0, 2, 3]]])
+
+
 def _mesh(surface: Surface, name: str) -> tuple[dict[str, object], bytes]:
     points = np.ascontiguousarray(surface.points_m, dtype="<f4")
     normals = np.ascontiguousarray(vertex_normals(surface), dtype="<f4")
     colours = np.repeat(surface.albedo[:, None], 3, axis=1).astype("<f4")
-    triangles = np.concatenate([surface.quads[:, [0, 1, 2]], surface.quads[:, [0, 2, 3]]]).astype("<u4")
+    triangles = _triangles(surface).astype("<u4")
     arrays: list[tuple[npt.NDArray[np.generic], int, str]] = [
         (points, _FLOAT, "VEC3"), (normals, _FLOAT, "VEC3"), (colours, _FLOAT, "VEC3"),
         (triangles.reshape(-1), _UINT32, "SCALAR"),

@@ -164,7 +164,8 @@ def test_meshes_hold_the_same_surface_and_face_the_wall(made: Reconstruction, tm
     lines = [line.split() for line in (tmp_path / "s.obj").read_text().splitlines()]
     points = np.array([line[1:4] for line in lines if line[0] == "v"], dtype=float)
     faces = [[int(word.split("//")[0]) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
-    assert (len(points), len(faces)) == (12, 6)
+    assert (len(points), len(faces)) == (12, 12)
+    assert {len(face) for face in faces} == {3}  # Open3D leaves larger ones out
     assert np.allclose(points[0], (WALL.x_m()[2], WALL.y_m()[1], 0.55))
     for face in faces:
         a, b, c = (points[corner] for corner in face[:3])
