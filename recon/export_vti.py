@@ -1,4 +1,4 @@
-"""The volume as VTK image data (.vti), as ParaView and 3D Slicer open it."""
+"""The volume as VTK image data (.vti), as ParaView and VisIt open it."""
 
 from pathlib import Path
 
