@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
@@ -11,7 +13,7 @@ from nlos.acquisition.importers.magic import is_hdf5, magic_of
 from nlos.acquisition.importers.mat_file import by_matlab
 from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
-from nlos.acquisition.importers.own_data import how_to_convert
+from nlos.acquisition.importers.own_data import how_to_convert, of_octave
 from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5
 from nlos.acquisition.importers.picoquant import KNOWN as PICOQUANT
 from nlos.acquisition.importers.picoquant import MAGIC as PICOQUANT_MAGIC
@@ -42,13 +44,16 @@ def reader_of(path: Path) -> Reader:
         return read_picoquant
     if is_sdt(path):
         return read_sdt
-    if suffix == ".mat" or magic == b"MATLAB 5":
+    if magic in (b"Octave-1", b"# Create"):  # `save -binary`; plain `save`, "# Created by Octave"
+        raise InvalidData(f"{path}: {of_octave()}")
+    packed = next((name for head, name in _PACKED.items() if magic.startswith(head)), None)
+    if (suffix == ".mat" and packed is None) or magic == b"MATLAB 5":
         return read_matlab
     if suffix == ".npz" or is_npz(path):
         return read_npz
     if suffix == ".npy" or magic[:6] == b"\x93NUMPY":
         return read_npy
-    if packed := next((name for head, name in _PACKED.items() if magic.startswith(head)), None):
+    if packed is not None:
         raise InvalidData(f"{path}: is packed by {packed}. Unpack it, and name the file inside.")
     if suffix in PICOQUANT_SUFFIXES:
         return read_picoquant
@@ -74,6 +79,9 @@ def reader_of(path: Path) -> Reader:
 def _reader_of_hdf5(path: Path) -> Reader:
     with open_hdf5(path) as file:
         names, photons = set(file.keys()), is_photon_hdf5(file)
+        here = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+        if any("OCTAVE_NEW_FORMAT" in file[name].attrs for name in here):
+            raise InvalidData(f"{path}: {of_octave()}")
     if photons:
         return read_photon_hdf5
     if {"H", "H_format"} <= names:

@@ -41,13 +41,18 @@ def _own_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
 
 
 def structs_of(path: Path) -> list[str]:
-    """Structs of a file of version 7.3, each with the names in it: no scan is looked for there."""
+    """Structs of a file of version 7.3, each with the names in it, and sparse arrays: no scan is looked for there."""
     if not is_hdf5(path):
         return []
     with open_hdf5(path) as file:
         here = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
         groups = {name: file[name] for name in here if isinstance(file[name], h5py.Group) and not name.startswith("#")}
-        return [f"{name} (a struct: {', '.join(list(each)[:MOST_NAMED])})" for name, each in groups.items()]
+        return [
+            f"{name} (sparse: save full({name}))"
+            if "MATLAB_sparse" in each.attrs
+            else f"{name} (a struct: {', '.join(list(each)[:MOST_NAMED])})"
+            for name, each in groups.items()
+        ]
 
 
 def shapes_of(path: Path) -> dict[str, tuple[int, ...]]:
@@ -88,6 +93,8 @@ def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> A
             dataset = find_dataset(file, key)
             if dataset is None:
                 raise InvalidData(f"{path}: {key}: is not an array")
+            if dataset.attrs.get("MATLAB_empty"):  # what is stored then is its shape
+                raise InvalidData(f"{path}: {key}: is empty")
             return read_array(dataset, len(dataset.shape or ())).T
     size = int(np.prod([int(n) for n in shapes[key]], dtype=object)) * 8
     # zlib expands at most about 1032 times, so a header that promises more than that is a lie.
@@ -100,5 +107,21 @@ def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> A
     except (scipy.io.matlab.MatReadError, *_BROKEN) as error:
         raise InvalidData(f"{path}: {key}: cannot be read ({error or type(error).__name__})") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "uifb" or array.size == 0:
-        raise InvalidData(f"{path}: {key}: is not an array of numbers")
+        raise InvalidData(f"{path}: {key}: {_instead_of_numbers(array, key)}")
     return array
+
+
+def _instead_of_numbers(held: object, key: str) -> str:
+    """What a variable of version 5 is that is no full array of real numbers, and what to do in MATLAB."""
+    if scipy.sparse.issparse(held):
+        return f"is sparse. Save full({key})"
+    if not isinstance(held, np.ndarray):
+        return "is not an array of numbers"
+    if held.dtype.kind == "c":
+        return f"is complex, and counts are not. Save real({key}), if that is what they are"
+    if held.dtype.names:
+        fields = ", ".join(held.dtype.names[:MOST_NAMED])
+        return f"is a struct of {fields}. Save its fields: save(FILE, '-struct', '{key}')"
+    if held.dtype.kind == "O":
+        return f"is a cell array. Save the numbers in it, such as {key}{{1}}"
+    return "is empty" if held.size == 0 else "is text, not numbers"

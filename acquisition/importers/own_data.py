@@ -10,3 +10,11 @@ def how_to_convert() -> str:
         f"In Python, read it your own way and save it once: {SAVED}, with counts [H, W, T], row 0 at the top and "
         "column 0 left, in seconds and metres. rectified=True: time 0 is the wall and direct light is gone."
     )
+
+
+def of_octave() -> str:
+    """What to say of a file in one of GNU Octave's own formats, the default of its `save` among them."""
+    return (
+        "is in a format of GNU Octave's own. In Octave: x = load(FILE); save('-v7', 'scan.mat', '-struct', 'x'), and "
+        "name scan.mat."
+    )

@@ -5,11 +5,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.imported import DOUBT
 from nlos.acquisition.importers.mat5_types import no_number
@@ -122,6 +124,55 @@ def test_a_struct_of_version_73_is_named_with_what_is_in_it(tmp_path: Path) -> N
         del file["far"]
     with pytest.raises(InvalidData, match=r"the file holds lab \(a struct: dt, hist\)\. "):
         read_matlab(tmp_path / "struct.mat")
+
+
+@pytest.mark.parametrize(
+    ("held", "why"),
+    [
+        (scipy.sparse.csc_array(np.eye(3)), r"is sparse\. Save full\(meas\)"),
+        (np.ones((2, 2, 3)) * 1j, r"is complex, and counts are not\. Save real\(meas\)"),
+        ({"hist": COUNTS}, r"is a struct of hist\. Save its fields: save\(FILE, '-struct', 'meas'\)"),
+        (np.array([COUNTS, "b"], dtype=object), r"is a cell array\. Save the numbers in it, such as meas\{1\}"),
+        ("counts", "is text, not numbers"),
+        (np.zeros((0, 0)), "is empty"),
+    ],
+)
+def test_what_is_no_full_array_of_real_numbers_is_named(tmp_path: Path, held: object, why: str) -> None:
+    savemat(tmp_path / "scan.mat", {"meas": held, **TOLD, "bin_width_s": 32e-12})
+    with pytest.raises(InvalidData, match=f"meas: {why}"):
+        read_matlab(tmp_path / "scan.mat")
+
+
+def test_an_empty_array_of_version_73_is_not_read_as_its_shape(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "scan.mat", "w", userblock_size=512) as file:
+        file["histograms"], file["bin_width_s"], file["wall_size_m"] = COUNTS.T, [[32e-12]], [[2.0]]
+        file["response"] = np.array([1, 0], np.uint64)  # so MATLAB stores zeros(1, 0)
+        file["response"].attrs["MATLAB_class"], file["response"].attrs["MATLAB_empty"] = np.bytes_("double"), 1
+    with pytest.raises(InvalidData, match="response: is empty"):
+        read_matlab(tmp_path / "scan.mat")
+
+
+def test_a_sparse_array_of_version_73_is_named(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "scan.mat", "w", userblock_size=512) as file:
+        for name in ("data", "ir", "jc"):
+            file[f"histograms/{name}"] = np.arange(3)
+        file["histograms"].attrs["MATLAB_sparse"] = np.uint64(3)
+    with pytest.raises(InvalidData, match=r"the file holds histograms \(sparse: save full\(histograms\)\)\. "):
+        read_matlab(tmp_path / "scan.mat")
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".h5", ".txt"])
+@pytest.mark.parametrize("kind", ["text", "binary", "hdf5"])
+def test_octaves_own_formats_are_refused_with_what_to_save(tmp_path: Path, kind: str, suffix: str) -> None:
+    path = tmp_path / f"scan{suffix}"
+    if kind == "hdf5":
+        with h5py.File(path, "w") as file:
+            file["histograms/type"], file["histograms/value"] = np.bytes_("uint16 matrix"), COUNTS
+            file["histograms"].attrs["OCTAVE_NEW_FORMAT"] = np.uint8(1)
+    else:
+        path.write_bytes(b"Octave-1-L\0" if kind == "binary" else b"# Created by Octave 7.3.0\n# name: histograms\n")
+    with pytest.raises(InvalidData, match=r"In Octave: x = load\(FILE\); save\('-v7', 'scan\.mat', '-struct', 'x'\)"):
+        read_any(path)
 
 
 @pytest.mark.parametrize(("position", "value"), [(184, 0), (185, 1), (184, 14)])
