@@ -20,6 +20,7 @@ def schema_of(kind: Kind) -> dict[str, Any]:
     made["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     made["title"] = f"nlos {kind} file"
     _explain(made, model)
+    _in_the_standards_words(made, made)
     return made
 
 
@@ -46,6 +47,18 @@ def _explain(schema: dict[str, Any], model: type[BaseModel]) -> None:
         for key, setting in describe(named[name]).items():
             if setting.what and key in part.get("properties", {}):
                 part["properties"][key]["description"] = setting.what
+
+
+def _in_the_standards_words(part: Any, schema: dict[str, Any]) -> None:
+    """`discriminator` is OpenAPI's and strict validators refuse it; what it says, that a block of several kinds names
+    its kind, is said of each kind."""
+    if isinstance(part, dict) and "oneOf" in part and "discriminator" in part:
+        choice = part.pop("discriminator")
+        for place in choice["mapping"].values():
+            kind = schema["$defs"][place.removeprefix("#/$defs/")]
+            kind["required"] = sorted({*kind.get("required", ()), choice["propertyName"]})
+    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        _in_the_standards_words(each, schema)
 
 
 def blocks(model: type[BaseModel]) -> list[type[BaseModel]]:

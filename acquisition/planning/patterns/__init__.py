@@ -1,6 +1,6 @@
 """The catalogue of patterns: one file each, one word each in a scan file."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -24,25 +24,26 @@ def _spelled_out(value: Any) -> Any:
     return {"kind": value} if isinstance(value, str) else value
 
 
-Pattern = Annotated[
-    Annotated[
-        Raster
-        | Serpentine
-        | Subgrid
-        | Jittered
-        | RandomPixels
-        | BlueNoise
-        | Circle
-        | ConcentricCircles
-        | ArchimedeanSpiral
-        | FermatSpiral
-        | CoarseToFine
-        | Adaptive
-        | FromList,
-        Field(discriminator="kind"),
-    ],
-    BeforeValidator(_spelled_out),
+_Block = Annotated[
+    Raster
+    | Serpentine
+    | Subgrid
+    | Jittered
+    | RandomPixels
+    | BlueNoise
+    | Circle
+    | ConcentricCircles
+    | ArchimedeanSpiral
+    | FermatSpiral
+    | CoarseToFine
+    | Adaptive
+    | FromList,
+    Field(discriminator="kind"),
 ]
+Word = Literal["raster", "serpentine", "coarse_to_fine"]
+"""Patterns that need nothing but their word."""
+
+Pattern = Annotated[_Block, BeforeValidator(_spelled_out, json_schema_input_type=Word | _Block)]
 
 PATTERNS: dict[str, type[Any]] = {
     pattern.model_fields["kind"].default: pattern
