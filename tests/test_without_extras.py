@@ -42,6 +42,14 @@ def test_a_package_of_its_own_that_is_not_there_is_named(package: str, name: str
     assert "Traceback" not in done.stderr
 
 
+def test_the_doctor_reconstructs_its_scan_without_torch() -> None:
+    run = "import sys; sys.modules['torch'] = None; from nlos.__main__ import run; sys.exit(run(['doctor']))"
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "torch is not installed: scanning works, and of the methods fk and lct" in done.stdout
+    assert "PASS  reconstruction" in done.stdout
+
+
 def test_python_is_told_what_to_install_for_a_method_that_is_asked_for() -> None:
     run = """
 import sys

@@ -271,7 +271,6 @@ def test_a_window_that_misses_the_direct_light_is_named_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Not a second time as a shutter that was closed, which it was not."""
-    pytest.importorskip("torch")
     document = yaml.safe_load(Path(bench_file(tmp_path)).read_text("utf-8"))
     document["simulation"]["scene"]["delay_ns"] = 47.0
     run(["doctor", "--bench", bench_file(tmp_path, simulation=document["simulation"])])

@@ -114,7 +114,7 @@ def test_a_wrong_bench_is_named_in_its_first_ten_points_or_before(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)  # no picture of 4 x 4 points
+    monkeypatch.setattr("nlos.doctor.small_scan._reconstruction", lambda *about: iter(()))  # no picture of 4 x 4 points
     wrong = CASES[name]
     bench = bench_file(tmp_path, wrong.changes, wrong.bench)
     Path("scan.yaml").write_text(WALL + wrong.histogram)
@@ -135,7 +135,7 @@ def test_a_scan_says_that_nobody_has_seen_the_beam_and_what_was_seen_where_someb
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)
+    monkeypatch.setattr("nlos.doctor.small_scan._reconstruction", lambda *about: iter(()))
     wrong = CASES[name]
     bench = bench_file(tmp_path, wrong.changes, wrong.bench)
     Path("scan.yaml").write_text(WALL + WINDOW)
@@ -165,7 +165,7 @@ def test_what_was_seen_holds_until_the_bench_file_changes(
 ) -> None:
     """Corrected by the numbers that spots gave it is a bench that was seen; with the cables turned it is another."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)
+    monkeypatch.setattr("nlos.doctor.small_scan._reconstruction", lambda *about: iter(()))
     aside = {"simulation.misalignment.scanner_x_m": 0.25}
     Path("scan.yaml").write_text(WALL + WINDOW)
     assert run(["doctor", "--bench", bench_file(tmp_path, aside)]) == 3

@@ -2,7 +2,6 @@
 
 import tempfile
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -78,8 +77,7 @@ def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:
     yield passed("scan", f"{len(samples)} points, {counts} photons, recorded and read back")
     light = _direct_light(samples, bench)
     yield light
-    if find_spec("torch") is not None:
-        yield from _reconstruction(run, folder, bench, light)
+    yield from _reconstruction(run, folder, bench, light)
 
 
 def _direct_light(samples: list[Sample], bench: Bench) -> Finding:

@@ -6,7 +6,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
 from nlos.cli.devices import Expected, expectations
@@ -15,6 +14,7 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.cable_levels import level_conflicts
 from nlos.drivers.errors import DeviceNotFound
 from nlos.drivers.link.usb_search import available_instruments
+from nlos.recon.methods import PLAIN, torch_is_installed
 
 _FREE_GB = 5.0
 
@@ -23,9 +23,9 @@ def software() -> Iterator[Finding]:
     """Interpreter, packages, libusb."""
     found = ".".join(map(str, sys.version_info[:3]))
     yield passed("software", f"Python {found}, {versions('nlos', 'numpy', 'h5py', 'pyserial', 'pyusb')}")
-    if find_spec("torch") is None:
-        yield warned("software", "torch is not installed: scanning works, reconstruction does not",
-                     "pip install 'nlos[recon]'")  # fmt: skip
+    if not torch_is_installed():
+        said = f"torch is not installed: scanning works, and of the methods {' and '.join(sorted(PLAIN))}"
+        yield warned("software", said, "pip install 'nlos[recon]'")
     else:
         yield passed("software", versions("torch"))
     try:
