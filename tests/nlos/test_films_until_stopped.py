@@ -1,6 +1,7 @@
 """Films whose number of frames nobody says beforehand: stopped by hand, killed, gone on with, served, on a full disk.
 Read back by h5py, which knows nothing of them."""
 
+import json
 import multiprocessing
 import os
 import signal
@@ -25,7 +26,7 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording import rescue
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import end_film, recover
+from nlos.acquisition.recording.salvage import Resumed, end_film, recover
 from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -38,7 +39,7 @@ from nlos.film import film_of
 from nlos.live.film import LiveFilm
 from nlos.recipe import Recipe
 from nlos.response import AUTO
-from nlos.scan_preparation import free_to_end
+from nlos.scan_preparation import PreparedScan, free_to_end
 from tests.acquisition.serving import serving
 from tests.command import nlos as command
 from tests.nlos.bench_films import WORDS, plan_of, taken_by_hand
@@ -352,6 +353,29 @@ def test_a_signal_while_the_file_is_finished_leaves_no_film_uncut(
         recover(run, run := tmp_path / "saved.h5")
     found = verify(run)
     assert (found.complete, found.complete_frames) == (True, plan_in(run).frames - (len(plan_in(run)) % EACH > 0))
+
+
+def test_ctrl_c_while_a_film_is_opened_to_go_on_ends_it_as_any_other(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opening a long film takes a while. What is there is a film already: the command says so and makes its picture."""
+    begin, run = PreparedScan.begin, tmp_path / "run.h5"
+    taken(film, run, 2 * EACH + 30)
+    before = len(held_by_h5py(run)[0])
+
+    def begin_and_interrupt(prepared: PreparedScan) -> Resumed:
+        begun = begin(prepared)
+        signal.raise_signal(signal.SIGINT)
+        return begun
+
+    monkeypatch.setattr(PreparedScan, "begin", begin_and_interrupt)
+    again = ("scan", film.name, "--bench", "moving", "-o", "run.h5", "--resume", "--reconstruct", "lct", "--json")
+    done = command(tmp_path, *again)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["status"], told["taken"], told["points"]) == ("complete", 0, before)
+    assert (tmp_path / "run" / "reconstruction.h5").exists()
+    assert verify(run).complete
 
 
 def test_a_copy_of_a_served_film_ends_with_it(film: Path, tmp_path: Path) -> None:

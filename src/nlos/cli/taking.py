@@ -230,10 +230,11 @@ def _acquire(
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 shown.push(progress)
+                start_s = bench.clock.now() - begun.elapsed_s  # a signal that waited comes where this block ends
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume", terminal.log))
             interrupts.pauses(control, bench.settings.shutter_on != "nothing")
             watching.show(prepared, enough, control)
-            start_s = bench.clock.now() - begun.elapsed_s
+            start_s = bench.clock.now() - begun.elapsed_s  # the dark before it is no part of the scan
             progress.show()
             samples = prepared.samples(begun, control, enough, adviser, () if enough is None else enough.decided)
             bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
