@@ -50,9 +50,18 @@ def answer(question: str) -> str | None:
     try:
         with asked_again(ask):
             ask()
-            return input().strip().lower()
+            return typed().lower()
     except EOFError:
         return None
+
+
+def typed() -> str:
+    """A line from the terminal, without what surrounds it; keys of another encoding are text, too. Raises `EOFError` at
+    the end of the input."""
+    try:
+        return input().strip()
+    except UnicodeDecodeError:
+        return "?"
 
 
 def agrees(what: str, word: str = "light") -> bool:

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from nlos.by_hand.stops import BY_CTRL_Z
-from nlos.cli.agreeing import asked_again
+from nlos.cli.agreeing import asked_again, typed
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import name_of, signal_soon, tell_to_end
 
@@ -148,7 +148,7 @@ class Interrupts:
         try:
             with asked_again(ask):
                 ask()
-                while _typed():
+                while typed():
                     terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
         except (KeyboardInterrupt, EOFError):
             return False
@@ -164,11 +164,3 @@ class Interrupts:
             return
         name = name_of(number)
         self._control.interrupt(_BY_HAND.get(name, name) if self._at_terminal else name)
-
-
-def _typed() -> str:
-    """A line from the terminal, without what surrounds it; keys of another encoding are text, too."""
-    try:
-        return input().strip()
-    except UnicodeDecodeError:
-        return "?"

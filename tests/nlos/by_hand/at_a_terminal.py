@@ -31,9 +31,9 @@ class AtATerminal:
         self._reader.start()
 
     def press(self, *keys: str) -> None:
-        """Named arrows, or characters."""
+        """Named arrows, or characters; lone surrogates are bytes of another encoding, as in names of files."""
         for key in keys:
-            os.write(self._terminal, ARROWS.get(key, key.encode()))
+            os.write(self._terminal, ARROWS.get(key, key.encode(errors="surrogateescape")))
 
     @property
     def said(self) -> str:

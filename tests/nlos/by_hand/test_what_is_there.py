@@ -294,3 +294,14 @@ def test_a_terminal_from_afar_may_move_but_gets_no_light(tmp_path: Path, capsys:
     with at_a_terminal(tmp_path, "point", "0", "0", "--light", "1", "--bench", str(path), environment=afar) as child:
         assert child.ends() == 4
     assert not account(tmp_path).lit
+
+
+def test_keys_of_another_encoding_agree_to_no_light_and_are_no_fault_of_the_program(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"arm": {"confirm": True, "remote": True}})
+    words = ("point", "0", "0", "--light", "1", "--bench", str(path))
+    with at_a_terminal(tmp_path, *words, environment={"PYTHONIOENCODING": "utf-8:strict"}) as child:
+        child.wait_for("to agree")
+        child.press("\udcfc\udce9\r")  # of a terminal that speaks Latin-1
+        assert child.ends() == 4
+    assert "no one agreed to light" in child.said
+    assert not account(tmp_path).lit
