@@ -1,6 +1,7 @@
 """The timer that ends light by hand, within any message of the shutter's opening and where closing fails at first: it
 is dark, by the simulated table's own account."""
 
+import math
 import os
 import signal
 import sys
@@ -84,6 +85,24 @@ def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_no
     assert signal.getsignal(signal.SIGALRM) is before
     assert "closed: its time is over" in told
     assert any("NOT CONFIRMED CLOSED" in each for each in told) == (fails > 0)
+
+
+def test_light_that_is_asked_for_again_in_time_goes_on_without_a_gap(tmp_path: Path) -> None:
+    """The timer that was set for the first time asked is none of the second's."""
+    settings = load("bench", str(bench_file(tmp_path, "S2")), BenchSettings).settings
+    with open_partial_bench(settings, BOTH) as bench:
+        light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
+        with light.timed():
+            light.ask(1.5)
+            again_s = bench.clock.now() + 0.3
+            while light.wanted:
+                if bench.clock.now() > again_s:
+                    light.ask(1.5)
+                    again_s = math.inf
+                light.tick()
+                time.sleep(0.01)
+    assert light.on_s > 1.6
+    assert witnessed(tmp_path).count("shutter open") == 1
 
 
 def point_in_a_child(folder: Path) -> None:
