@@ -204,3 +204,28 @@ def test_a_person_sees_it_in_a_browser(tmp_path: Path, monitor: AtATerminal) -> 
         assert complaints == []
         browser.close()
     assert len(account(tmp_path).lit) == 1
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="stops a process")
+def test_light_that_was_on_when_last_seen_is_not_taken_for_off(tmp_path: Path) -> None:
+    """Of a program that hangs with its light on the page hears nothing: it is as loud as before."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    words = ["monitor", "--bench", str(bench_file(tmp_path)), "--live", "--light", "60"]
+    with playwright.sync_playwright() as started, at_a_terminal(tmp_path, *words) as child:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.set_default_timeout(PATIENCE_S * 1e3)
+        page.goto(address(child))
+        light, banner = (playwright.expect(page.locator(f"#{name}")) for name in ("light", "banner"))
+        light.to_have_text(re.compile("LIGHT ON"), timeout=PATIENCE_S * 1e3)
+        child.signal(signal.SIGSTOP)
+        light.to_have_text("LIGHT MAY BE ON: no update", timeout=PATIENCE_S * 1e3)
+        light.to_have_class("on")
+        banner.to_have_text(re.compile("No update.*treat it as on"))
+        assert page.title().startswith("LIGHT MAY BE ON")
+        page.route("**/newest*", lambda route: route.abort())
+        light.to_have_text("LIGHT MAY BE ON: no answer", timeout=PATIENCE_S * 1e3)
+        light.to_have_class("on")
+        banner.to_have_text(re.compile("no longer told.*treat it as on"))
+        browser.close()

@@ -33,7 +33,12 @@ function draw(at_s = performance.now() / 1e3) {
   }
   lines($("trend"), trend.map(r => [at_s - r[0], r[1], r[2]]), MINUTE_S);
 }
-function stale(why) { document.body.classList.add("stale"); say("light", why); $("light").classList.remove("on"); say("pace", ""); document.title = "nlos monitor: " + why; }
+const lastLit = () => !over && !!now && now.lit; // who hangs, or is no longer heard, may have left it on
+function stale(why) {
+  const lit = lastLit(); document.body.classList.add("stale"); say("light", (lit ? "LIGHT MAY BE ON: " : "") + why); $("light").classList.toggle("on", lit);
+  say("pace", ""); document.title = (lit ? "LIGHT MAY BE ON - " : "") + "nlos monitor: " + why;
+}
+const treatAsOn = () => lastLit() ? "The light was on when last seen: treat it as on. " : "";
 async function follow() {
   while (!over) {
     if (document.hidden) { await new Promise(done => document.addEventListener("visibilitychange", done, {once: true})); continue; }
@@ -41,11 +46,11 @@ async function follow() {
     catch (error) { if (!noAnswer(error)) throw error; if (++missed >= 3) untold(); await new Promise(done => setTimeout(done, 500)); }
   }
 }
-function untold() { stale("no answer"); banner("The page is no longer told", "Look at the terminal: the program there continues without this page, or has ended.", "bad"); }
+function untold() { stale("no answer"); banner("The page is no longer told", treatAsOn() + "Look at the terminal: the program there continues without this page, or has ended.", "bad"); }
 setInterval(() => {
   if (over || !now || missed) return;
   if (!document.hidden && Date.now() / 1e3 - heard_s > SILENT_S) untold(); // whatever the program does, its page answers within a tenth of a second
-  else if (performance.now() / 1e3 - last_s > STALE_S) { stale("no update"); banner("No update", "The program waits, for an answer at its terminal or for an instrument. What is shown is old.", ""); }
+  else if (performance.now() / 1e3 - last_s > STALE_S) { stale("no update"); banner("No update", treatAsOn() + "The program waits, for an answer at its terminal or for an instrument. What is shown is old.", lastLit() ? "bad" : ""); }
 }, 250);
 document.addEventListener("visibilitychange", () => { if (!document.hidden) heard_s = Math.max(heard_s, Date.now() / 1e3 - SILENT_S + STALE_S); });
 const flips = {l: () => { log = !log; draw(); }, c: () => { trend = []; best = 0; draw(); }, t: () => { const root = document.documentElement, dark = (root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark"; root.dataset.theme = dark ? "light" : "dark"; draw(); }};
