@@ -47,6 +47,25 @@ def test_light_waits_for_a_word_where_the_bench_file_wants_one(monkeypatch: pyte
     assert len(asked) == 2  # once more after the no, then never again
 
 
+def test_a_dry_run_asks_nobody_and_announces_no_light(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has none, so it may be begun from anywhere."""
+    for name, value in FROM_AFAR.items():
+        monkeypatch.setenv(name, value)
+    settings, told = armed(confirm=True, delay_s=30.0), []
+    dry = settings.model_copy(update={"safety": settings.safety.model_copy(update={"dry_run": True})})
+    with open_bench(dry) as bench:
+        bench.on_event = lambda kind, text: told.append(text)
+        begun_s = bench.clock.now()
+        bench.shutter.agree()
+        bench.shutter.arm()
+        bench.shutter.open()
+        assert bench.clock.now() - begun_s < 30.0
+        assert bench.simulated is not None
+        assert not bench.simulated.shutter_open
+    assert told[-1:] == ["asked to open: stays closed in a dry run"]
+    assert not [each for each in told if each.startswith(("armed by", "light in"))]
+
+
 def test_there_is_no_light_after_a_warning_that_was_broken_off_though_somebody_released_the_shutter() -> None:
     with open_bench(armed(delay_s=5.0, remote=True)) as bench:
         assert bench.simulated is not None

@@ -73,6 +73,20 @@ def test_light_that_no_instrument_watches_lasts_as_long_as_it_was_asked_for(tmp_
     assert 2.4 < account(tmp_path).lit_s <= 3 + STARVED_S  # longer than `safety.watchdog_s`
 
 
+def test_there_is_no_light_where_the_beam_rests_outside_the_allowed_area(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It waits at the mirror's centre, which may be beside what is allowed: nobody has sent it anywhere yet."""
+    allowed = {"left_m": 0.1, "right_m": 0.5, "bottom_m": -0.5, "top_m": 0.5}
+    driven = {"shutter": {"model": "triggerscope_ttl"}, "mirror": {"shutter_pin": 16}}
+    path = str(bench_file(tmp_path, {"geometry": {"allowed": allowed}, **driven}))
+    assert run(["monitor", "--bench", path, "--for", "1", "--light", "0.5"]) == 4
+    assert "outside the allowed area" in capsys.readouterr().err
+    assert not account(tmp_path).lit
+    assert run(["monitor", "--bench", path, "--at", "0.3", "0", "--for", "1", "--light", "0.5"]) == 0
+    assert account(tmp_path).lit
+
+
 def test_alignment_duty_is_kept(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"alignment": {"duty": 0.4, "period_s": 0.5}})
     assert run(["point", "0", "0", "--bench", str(path), "--light", "4"]) == 0
