@@ -126,7 +126,8 @@ class Hand:
             self.reach.check(self.angles)
         self.light.ask(seconds)
 
-    def _hold(self) -> None:
+    def _hold(self) -> bool:
+        """Light for who holds the key; False where what was pressed with it is of before a warning time."""
         now_s = self.bench.clock.now()
         repeats = now_s - self._held_s < FIRST_HOLD_S
         self._held_s = now_s
@@ -136,13 +137,15 @@ class Hand:
             if self.try_to(lambda: self.light.arm(shutter)) and shutter.is_armed():
                 self.keys.pressed()
                 self.note("armed: SPACE gives light from now on")
-            return
+            return False
         self.try_to(lambda: self.ask_for_light(HOLD_S if repeats else FIRST_HOLD_S))
+        return True
 
     def _look_at_keys(self) -> None:
+        held = True
         for key in self.keys.pressed():
             if key == "space" and not (self.typing or self.begin_text.intersection(self._waiting)):
-                self._hold()
+                held = held and self._hold()
             else:
                 self._waiting.append(key)
 

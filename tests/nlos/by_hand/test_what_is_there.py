@@ -289,8 +289,12 @@ def test_a_key_that_was_let_go_during_the_warning_time_gives_no_light(tmp_path: 
     path = bench_file(tmp_path, {"arm": {"delay_s": 0.5, "remote": True}})
     with at_a_terminal(tmp_path, "jog", "--bench", str(path)) as child:
         child.wait_until(lambda: bool(child.frames), "a screen")
-        child.press(" ")
+        child.press("   ")  # at once, as they come from a terminal that was busy
+        time.sleep(0.2)
+        child.press("   ")  # in the warning time
         child.wait_for("armed: SPACE gives light")
+        shown = len(child.frames)
+        child.wait_until(lambda: len(child.frames) > shown + 5, "five more screens")
         assert not account(tmp_path).lit
 
         def held_down() -> bool:  # as a keyboard repeats it: one press may be over before the next screen
