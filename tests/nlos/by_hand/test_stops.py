@@ -1,5 +1,6 @@
 """A program with light in its hands that is stopped at a bad moment."""
 
+import os
 import time
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nlos.by_hand.hand import Hand
+from nlos.by_hand.keys import Keys
 from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.opening import in_hand
 from nlos.by_hand.stops import Stops
@@ -69,6 +71,36 @@ def test_no_moment_of_ctrl_z_stops_with_the_light_on(hand_without_timer: Abstrac
         assert hand.light.lit
         hand.update()
         assert stops.lit == [False]
+
+
+class StoppedOnce(Stops):
+    """Ctrl-Z has come; the stop itself is only counted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wanted, self.times = True, 0
+
+    def stop(self) -> None:
+        self.wanted, self.times = False, self.times + 1
+
+
+def test_a_key_that_is_held_while_ctrl_z_shuts_the_light_does_not_bring_it_back(tmp_path: Path) -> None:
+    pressed, presses = os.pipe()
+    with (
+        os.fdopen(pressed, "rb") as keys,
+        os.fdopen(presses, "wb", buffering=0) as finger,
+        in_hand(load("bench", str(bench_file(tmp_path, "S2")), BenchSettings), {"mirror"}, 5.0) as hand,
+    ):
+        hand.ask_for_light(5.0)
+        assert hand.light.lit
+        hand.keys, hand.stops = Keys(keys.fileno()), (stops := StoppedOnce())
+        finger.write(b"   ")
+        hand.update()
+        assert stops.times == 1
+        assert not hand.light.lit
+        finger.write(b" ")  # after it: somebody wants light
+        hand.update()
+    assert witnessed(tmp_path).count("shutter open") == 2
 
 
 def test_a_mirror_whose_cable_is_pulled_ends_light_by_hand_also_while_nothing_is_said_to_it(tmp_path: Path) -> None:
