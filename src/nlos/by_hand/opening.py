@@ -94,7 +94,9 @@ def why_no_light(bench: PartialBench) -> str:
     try:
         bench.shutter.check_trip()
         bench.shutter.agree()
-    except (LimitError, SafetyTrip) as error:
+    except SafetyTrip as trip:
+        return f"{trip.what.removeprefix('stays closed ')} {trip.remedy}"
+    except LimitError as error:
         return error.what.removeprefix("stays closed: ")
     if power_mw is not None and not bench.settings.simulated:
         if not somebody_is_there():

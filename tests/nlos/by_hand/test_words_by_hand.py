@@ -106,6 +106,23 @@ def test_there_is_light_by_hand_once_somebody_has_turned_the_laser_down(
     assert asked == ["Turn the laser down to 2 mW, the bench file's alignment power. done"] * there
 
 
+@pytest.mark.parametrize("counter", ["simulated", "multiharp"])
+def test_too_many_photons_by_hand_shut_the_light_until_somebody_clears_the_trip(tmp_path: Path, counter: str) -> None:
+    """Whoever notices: the instrument itself, or this program where the counter has no trip of its own."""
+    bench_file(tmp_path, {"safety": {"trip_cps": 2000.0}}, name=counter)
+    words = ("monitor", "--bench", "bench.yaml", "--light", "3", "--for", "4")
+    done = nlos(tmp_path, *words)
+    assert (done.returncode, "shutter: closed by a trip" in done.stderr) == (4, True), done.stderr
+    seen = account(tmp_path)
+    assert seen.ends_dark
+    assert len(seen.lit) == 1
+    again = nlos(tmp_path, *words)
+    assert again.returncode == 4
+    assert "shutter: stays closed: after a trip (" in again.stderr
+    assert "run `nlos doctor --clear-trip YOUR-NAME`" in again.stderr
+    assert len(account(tmp_path).lit) == 1
+
+
 def test_what_is_summed_is_of_one_kind_of_light(tmp_path: Path) -> None:
     """Also where the light changes between two gates: the rate in the dark is none of the light's."""
     with opening.in_hand(load("bench", str(bench_file(tmp_path)), BenchSettings), {"counter"}, 5.0) as hand:
