@@ -34,6 +34,8 @@ class LightOnRequest:
         self._opened_s: float | None = None
         self._off_s, self._late_s = float("inf"), 0.0
         self._closed_after_s = 0.0
+        self.openings = 0
+        """How often it came on: between two looks it may have come and gone."""
 
     @property
     def on_s(self) -> float:
@@ -101,6 +103,7 @@ class LightOnRequest:
         if wanted and not self._shutter.may_be_open:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
             self._opened_s = self._clock.now()
+            self.openings += 1
             try:
                 self._shutter.open()
             except ShutterHeld:  # its time was over before it was open

@@ -74,13 +74,13 @@ class Watch:
             self._counter.arm(PointGates([DWELL_S] * _AT_ONCE, range(self._number, self._number + _AT_ONCE)))
             self._armed, self._index = _AT_ONCE, 0
             self._number += _AT_ONCE
-        before = self._light.lit
+        before, openings = self._light.lit, self._light.openings
         self._counter.trigger()
         self._counter.wait_points(self._index + 1, timeout_s=_GRACE_S)
         histogram = self._counter.read(self._index, 1)[0]
         self._index += 1
-        lit = before if before == self._light.lit else None
-        if self._shutter is not None and lit:
+        lit = before if (before, openings) == (self._light.lit, self._light.openings) else None
+        if self._shutter is not None and lit is not False:  # light of a part of the gate is too much light, too
             self._shutter.watch(histogram)
         reading = Reading(self._clock.now(), histogram, lit)
         if self._kept and lit is not None and self._kept[-1].lit != lit:

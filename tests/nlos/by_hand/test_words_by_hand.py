@@ -106,20 +106,43 @@ def test_there_is_light_by_hand_once_somebody_has_turned_the_laser_down(
     assert asked == ["Turn the laser down to 2 mW, the bench file's alignment power. done"] * there
 
 
-@pytest.mark.parametrize("counter", ["simulated", "multiharp"])
-def test_too_many_photons_by_hand_shut_the_light_until_somebody_clears_the_trip(tmp_path: Path, counter: str) -> None:
+SHORT = {"duty": 0.2, "period_s": 0.5}
+"""Light of some 40 ms, as long as a gate: hardly one lies in it as a whole."""
+
+
+@pytest.mark.parametrize(("counter", "alignment"), [("simulated", {}), ("multiharp", {}), ("multiharp", SHORT)])
+def test_too_many_photons_by_hand_shut_the_light_until_somebody_clears_the_trip(
+    tmp_path: Path, counter: str, alignment: dict[str, object]
+) -> None:
     """Whoever notices: the instrument itself, or this program where the counter has no trip of its own."""
-    bench_file(tmp_path, {"safety": {"trip_cps": 2000.0}}, name=counter)
+    bench_file(tmp_path, {"safety": {"trip_cps": 2000.0}, "alignment": alignment}, name=counter)
     words = ("monitor", "--bench", "bench.yaml", "--light", "3", "--for", "4")
     done = nlos(tmp_path, *words)
     assert (done.returncode, "shutter: closed by a trip" in done.stderr) == (4, True), done.stderr
     seen = account(tmp_path)
     assert seen.ends_dark
-    assert len(seen.lit) == 1
+    assert seen.lit
     again = nlos(tmp_path, *words)
     assert again.returncode == 4
     assert "shutter: stays closed: after a trip (" in again.stderr
     assert "run `nlos doctor --clear-trip YOUR-NAME`" in again.stderr
+    assert len(account(tmp_path).lit) == len(seen.lit)
+
+
+def test_a_gate_in_which_light_came_and_went_is_none_of_the_dark(tmp_path: Path) -> None:
+    with opening.in_hand(load("bench", str(bench_file(tmp_path)), BenchSettings), {"counter"}, 5.0) as hand:
+        assert hand.watch is not None
+        assert hand.bench.counter is not None
+        assert hand.watch.look().lit is False
+
+        def came_and_went() -> None:
+            if not account(tmp_path).lit:
+                hand.ask_for_light(5.0)
+                hand.light.end("it was enough")
+
+        hand.bench.counter.meanwhile(came_and_went)
+        assert hand.watch.look().lit is None
+        assert hand.watch.look().lit is False
     assert len(account(tmp_path).lit) == 1
 
 
