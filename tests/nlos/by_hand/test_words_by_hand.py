@@ -157,6 +157,22 @@ def test_what_is_summed_is_of_one_kind_of_light(tmp_path: Path) -> None:
         assert hand.watch.summed_s == pytest.approx(DWELL_S, rel=0.1)
 
 
+def test_the_direct_peak_is_where_it_was_while_somebody_zooms_on_it_and_back(tmp_path: Path) -> None:
+    with opening.in_hand(load("bench", str(bench_file(tmp_path)), BenchSettings), {"counter"}, 20.0) as hand:
+        assert hand.watch is not None
+        hand.ask_for_light(20.0)
+        found_s, bins = [], []
+        for part in ((None, None), (11.7e-9, 15.7e-9), (None, None)):
+            hand.look_at(*part)
+            for _ in range(3):
+                hand.update()
+            assert hand.peak is not None
+            found_s.append(hand.peak.time_s)
+            bins.append(len(hand.watch.summed))
+        assert found_s == pytest.approx([13.69e-9] * 3, abs=0.05e-9)
+        assert bins[0] == bins[2] > bins[1]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-Z is no signal there")
 def test_ctrl_z_while_light_may_be_on_stops_only_once_it_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
     lit, stopped = True, []
