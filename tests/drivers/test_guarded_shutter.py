@@ -139,6 +139,55 @@ def test_light_that_is_shut_off_while_it_comes_on_goes_off_again(how: str) -> No
     assert not shutter.may_be_open
 
 
+class Stuck(Table):
+    """Closes so many times, then not any more; `says` is what the contact is taken for."""
+
+    def __init__(self, closes: int) -> None:
+        super().__init__()
+        self._left, self.says = closes, "it still says open."
+
+    def close(self) -> None:
+        super().close()
+        self._left -= 1
+        if self._left < 0:
+            raise DeviceFault("shutter", self.says, "")
+
+
+def test_light_that_comes_on_after_the_command_to_close_and_stays_on_is_known_to_be_on() -> None:
+    table = Stuck(closes=1)
+    shutter = guard(table)
+    table.while_opening = shutter.close
+    with pytest.raises(DeviceFault, match="still says open"):
+        shutter.open()
+    assert shutter.may_be_open
+    assert not shutter.confirmed_closed
+
+
+def test_an_interlock_that_refuses_is_told_as_such_also_where_a_signal_came_meanwhile() -> None:
+    table = Table()
+    shutter = guard(table)
+
+    def refuses() -> None:
+        shutter.hold("SIGTERM")
+        raise SafetyTrip("shutter", "the interlock is open.", "")
+
+    table.while_opening = refuses
+    with pytest.raises(SafetyTrip, match="interlock is open"):
+        shutter.open()
+    assert not shutter.may_be_open
+
+
+def test_a_shutter_that_does_not_close_is_told_once_in_the_same_words() -> None:
+    table, events, told = Stuck(closes=0), EventLog(), []
+    events.listener = lambda kind, text: told.append(text)
+    shutter = GuardedShutter(table, None, SafetySettings(), events)
+    for table.says in ("it still says open.", "it still says open.", "it does not answer."):
+        with pytest.raises(DeviceFault):
+            shutter.close()
+    assert [each.partition(": ")[0] for each in told] == ["NOT CONFIRMED CLOSED"] * 2
+    assert "it does not answer" in told[-1]
+
+
 def test_an_opening_that_fails_is_taken_back() -> None:
     table = Table()
     shutter = guard(table)
@@ -168,3 +217,5 @@ def test_the_watchdogs_time_is_waited_for_and_the_shutters_own() -> None:
     before_s = clock.now()
     assert shutter.outlast_watchdog(clock)
     assert clock.now() - before_s == pytest.approx(1.6)
+    shutter.close()
+    assert not shutter.outlast_watchdog(clock)  # it is turned off, and closes nothing any more
