@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.exit_paths import ExitPaths, undisturbed
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
@@ -95,6 +97,25 @@ def test_a_handler_that_was_there_before_is_called_after_the_light_is_shut_and_r
     finally:
         signal.signal(signal.SIGINT, before)
     assert happened[2:] == ["closed"]
+
+
+def test_nobody_is_told_within_a_signals_handler_and_everything_is_told_afterwards() -> None:
+    """Files are not safe to write there: whoever writes the recording may be in the middle of a line."""
+    told: list[tuple[str, str]] = []
+    told_by_then: list[list[tuple[str, str]]] = []
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: told_by_then.append(list(told)))
+    try:
+        with open_bench(load("bench", "simulated", BenchSettings).settings) as bench:
+            bench.on_event = lambda kind, text: told.append((kind, text))
+            bench.shutter.open()
+            told.clear()
+            signal.raise_signal(signal.SIGUSR1)
+            assert not bench.shutter.may_be_open
+            assert told_by_then == [[]]
+            bench.report("scan", "goes on")
+            assert told == [("signal", "SIGUSR1"), ("shutter", "closed: SIGUSR1"), ("scan", "goes on")]
+    finally:
+        signal.signal(signal.SIGUSR1, before)
 
 
 def test_a_signal_while_closing_waits_until_everything_is_closed() -> None:
@@ -228,6 +249,8 @@ def test_what_is_undisturbed_is_done_before_a_signal_ends_the_program_but_light_
 
 READING = """
 import os, signal, sys, time
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.exit_paths import ExitPaths
 lit = sys.argv[1] == "lit"
 with ExitPaths(lambda why: print("shut by", why, flush=True), lambda: print("closed", flush=True), lambda: lit):

@@ -1,6 +1,7 @@
 """The guard around any shutter, call by call: limits to the count, the watchdog's time, and what keeps it closed."""
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 from nlos.drivers.clock import VirtualClock
+from nlos.drivers.closing import Closing
 from nlos.drivers.errors import BenchClosed, DeviceFault, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
+from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import ShutterState
@@ -127,13 +130,13 @@ def test_what_a_signal_shut_stays_shut_until_it_is_released() -> None:
     assert shutter.may_be_open
 
 
-@pytest.mark.parametrize("how", ["held", "closed"])
-def test_light_that_is_shut_off_while_it_comes_on_goes_off_again(how: str) -> None:
+@pytest.mark.parametrize(("how", "why"), [("held", "SIGTERM"), ("closed", "its time")])
+def test_light_that_is_shut_off_while_it_comes_on_goes_off_again(how: str, why: str) -> None:
     """The command to open may have been on its way when that to close was carried out."""
     table = Table()
     shutter = guard(table)
     table.while_opening = shutter.close if how == "closed" else lambda: shutter.hold("SIGTERM")
-    with pytest.raises(ShutterHeld, match="was closed again after"):
+    with pytest.raises(ShutterHeld, match=f"was closed again after {why}"):
         shutter.open()
     assert [told for told in table.told if isinstance(told, str)] == ["open", "close", "close"]
     assert not shutter.may_be_open
@@ -186,6 +189,19 @@ def test_a_shutter_that_does_not_close_is_told_once_in_the_same_words() -> None:
             shutter.close()
     assert [each.partition(": ")[0] for each in told] == ["NOT CONFIRMED CLOSED"] * 2
     assert "it does not answer" in told[-1]
+
+
+def test_a_signal_goes_on_to_what_the_program_does_about_it_although_the_shutter_did_not_close() -> None:
+    """An error within its handler would take the signal's place. The way out tries again."""
+    table, events = Stuck(closes=0), EventLog()
+    closing = Closing(events, VirtualClock())
+    closing.shutter = guard(table)
+    with ExitPaths(closing.shut_light, lambda: None, closing.may_be_lit), pytest.raises(SystemExit) as ended:
+        signal.raise_signal(signal.SIGTERM)
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert table.told == ["close"]
+    assert closing.shutter.is_held()
+    assert not events.deferred
 
 
 def test_an_opening_that_fails_is_taken_back() -> None:
