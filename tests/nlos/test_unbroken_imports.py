@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -49,3 +50,18 @@ def test_it_comes_when_torch_is_whole() -> None:
 def test_a_bench_is_dark_at_once_and_the_program_ends_when_torch_is_whole() -> None:
     lines = said(WITH_A_BENCH)
     assert (lines[0], lines[-1]) == ("dark False", "['torch.distributed'] True")
+
+
+def test_an_import_that_began_before_the_command_keeps_no_ctrl_c_away(tmp_path: Path) -> None:
+    """As of a script that somebody imports: its own import is over only once the command is."""
+    (tmp_path / "script.py").write_text(
+        "import os, signal, time\n"
+        "from nlos.cli.interrupts import end_at_interrupts\n"
+        "end_at_interrupts()\n"
+        "os.kill(os.getpid(), signal.SIGINT)\n"
+        "time.sleep(20)\n"
+        "print('slept on')\n"
+    )
+    code = "try:\n    import script\nexcept KeyboardInterrupt:\n    print('ended')"
+    child = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (child.stdout, child.stderr) == ("ended\n", "")
