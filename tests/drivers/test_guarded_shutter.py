@@ -14,6 +14,7 @@ from nlos.drivers.closing import Closing
 from nlos.drivers.errors import BenchClosed, DeviceFault, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import ShutterState
@@ -202,6 +203,33 @@ def test_a_signal_goes_on_to_what_the_program_does_about_it_although_the_shutter
     assert table.told == ["close"]
     assert closing.shutter.is_held()
     assert not events.deferred
+
+
+class Head:
+    """A mirror that writes down what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def park(self) -> None:
+        self.told.append("park")
+
+    def close(self) -> None:
+        self.told.append("close")
+
+
+def test_a_mirror_is_let_go_where_it_is_when_whatever_it_is_breaks_into_the_closing_of_the_light() -> None:
+    table, mirror, closing = Table(), Head(), Closing(EventLog(), VirtualClock())
+    closing.mirror, closing.shutter = cast(GalvoMirror, mirror), guard(table)
+    closing.shutter.open()
+
+    def broken_into() -> None:
+        raise KeyboardInterrupt
+
+    table.close = broken_into  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        closing.close()
+    assert mirror.told == ["close"]  # the beam moves in the dark alone
 
 
 def test_an_opening_that_fails_is_taken_back() -> None:
