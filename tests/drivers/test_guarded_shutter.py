@@ -232,6 +232,20 @@ def test_a_mirror_is_let_go_where_it_is_when_whatever_it_is_breaks_into_the_clos
     assert mirror.told == ["close"]  # the beam moves in the dark alone
 
 
+def test_a_contact_that_says_open_at_the_end_is_believed_whatever_was_confirmed_before(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    table, mirror, closing = Stuck(closes=1), Head(), Closing(EventLog(), VirtualClock())
+    closing.mirror, closing.shutter = cast(GalvoMirror, mirror), guard(table)
+    closing.shutter.open()
+    closing.shutter.close()
+    assert closing.shutter.confirmed_closed
+    with pytest.raises(DeviceFault, match="still says open"):
+        closing.close()
+    assert "THE LASER SHUTTER IS NOT CONFIRMED CLOSED" in caplog.text
+    assert mirror.told == ["close"]
+
+
 def test_an_opening_that_fails_is_taken_back() -> None:
     table = Table()
     shutter = guard(table)

@@ -76,3 +76,16 @@ def test_a_recording_names_no_terminal_where_there_was_none(
         assert (control.wanted, interrupts.seen) == (why, True)
         with pytest.raises(KeyboardInterrupt):  # a second one does not wait for the pause
             signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(("reads", "shows"), [(True, False), (False, True), (False, False)])
+def test_nobody_is_asked_where_the_question_cannot_be_read_or_answered(
+    monkeypatch: pytest.MonkeyPatch, reads: bool, shows: bool
+) -> None:
+    """`nlos scan ... 2> log` at a terminal, say: Ctrl-C ends the scan there, rather than wait for an unseen Enter."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: reads)
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    monkeypatch.setattr("sys.stderr.isatty", lambda: shows)
+    assert not Interrupts().ask("SIGINT")
+    assert sys.stdin.read() == "\n"
