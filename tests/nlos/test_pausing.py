@@ -89,3 +89,31 @@ def test_nobody_is_asked_where_the_question_cannot_be_read_or_answered(
     monkeypatch.setattr("sys.stderr.isatty", lambda: shows)
     assert not Interrupts().ask("SIGINT")
     assert sys.stdin.read() == "\n"
+
+
+class Fingers(io.StringIO):
+    """A terminal at which Ctrl-C is pressed before Enter."""
+
+    def isatty(self) -> bool:
+        return True
+
+    def readline(self, size: int = -1, /) -> str:
+        signal.raise_signal(signal.SIGINT)
+        return "\n"
+
+
+@pytest.mark.parametrize(
+    ("why", "how"),
+    [("alarm: the rate", "(alarm: the rate)"), ("Ctrl-C in the terminal", "by Ctrl-C in the terminal")],
+)
+def test_the_first_ctrl_c_at_the_question_ends_the_scan_whatever_paused_it(
+    monkeypatch: pytest.MonkeyPatch, why: str, how: str
+) -> None:
+    monkeypatch.setattr("sys.stdin", Fingers())
+    monkeypatch.setattr("sys.stderr", said := Fingers())
+    control = ScanControl()
+    with Interrupts().caught() as interrupts:
+        interrupts.pauses(control, shuttered=True)
+        assert not interrupts.ask(why)
+        assert not control.wanted
+    assert said.getvalue() == f"paused {how}; the shutter is closed. Enter resumes, Ctrl-C ends the scan.\n"
