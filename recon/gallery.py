@@ -1,5 +1,6 @@
 """Results side by side on one scale: front views above depths, for a comparison, a report or a paper."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -73,9 +74,12 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
 
 def save_gallery(figure: Figure, path: Path, kind: str) -> None:
     """Writes a gallery as `kind`: png of 300 dots per inch; pdf with TrueType fonts inside, which journals ask for; svg
-    with letters as outlines, which look the same where the font is missing."""
+    with letters as outlines, which look the same where the font is missing. Raises `OSError` where the disk does not
+    take it."""
+    drawn = io.BytesIO()  # of a full disk matplotlib's own writer of pdf tells as of an error in itself
     with matplotlib.rc_context({"pdf.fonttype": 42, "svg.fonttype": "path"}):
-        figure.savefig(path, dpi=300, format=kind)
+        figure.savefig(drawn, dpi=300, format=kind)
+    path.write_bytes(drawn.getbuffer())
 
 
 def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[str, str]) -> Figure:

@@ -1,10 +1,13 @@
 """A recording of several frames as a film: a picture of each, and where what it shows is and how fast."""
 
 import csv
+import errno
 import json
 import logging
 import math
+import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -40,6 +43,7 @@ log = logging.getLogger(__name__)
 LONGEST_SIDE_PX = 384
 ENCODING_S = 600.0
 """What ffmpeg gets for a film."""
+_OF_THE_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EROFS, errno.EIO)
 TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
 NAMES = ("film.npz", "film.gif", "track.csv", "track.json", "objects.csv")
 
@@ -224,12 +228,13 @@ def ffmpeg() -> str:
 
 
 def write_mp4(path: Path, film: Film) -> None:
-    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, it fails or does not end."""
+    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, it fails or does not end, and
+    `OSError` where the disk does not take the film: ffmpeg says so, and ends as if it were whole."""
     encoder = ffmpeg()
     drawn = _drawn(film)
     rows, cols = drawn.shape[1:3]
     command = [
-        encoder, "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{cols}x{rows}",
+        encoder, "-loglevel", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{cols}x{rows}",
         "-r", f"{1 / _pace_s(film):.6f}", "-i", "-", "-pix_fmt", "yuv420p", "-f", "mp4", str(path),
     ]  # fmt: skip
     try:
@@ -239,8 +244,14 @@ def write_mp4(path: Path, film: Film) -> None:
             f"{path}: ffmpeg was ended, it took longer than {ENCODING_S:g} s for {len(drawn)} pictures of {cols} x "
             f"{rows}. Export gif, or try again when the computer has less to do."
         ) from error
+    said = done.stderr.decode(errors="replace")
+    if done.returncode == -getattr(signal, "SIGXFSZ", 0) != 0:  # a limit of this session
+        said = os.strerror(errno.EFBIG)
+    for number in _OF_THE_DISK:
+        if os.strerror(number) in said:
+            raise OSError(number, os.strerror(number), str(path))
     if done.returncode:
-        raise InvalidData(f"{path}: ffmpeg failed: {done.stderr.decode(errors='replace')[-200:]}")
+        raise InvalidData(f"{path}: ffmpeg failed: {said[-200:]}")
 
 
 def _pace_s(film: Film) -> float:

@@ -9,7 +9,7 @@ from PIL import Image
 
 from nlos.acquisition.wall import WallGrid
 from nlos.cli.figure import figure
-from nlos.recon.gallery import gallery
+from nlos.recon.gallery import gallery, save_gallery
 from nlos.recon.results import write_results
 from nlos.recon.volume import Reconstruction
 
@@ -35,6 +35,13 @@ def test_no_paper_is_left_empty_and_the_width_is_the_journals() -> None:
                         .get_position() for top in (True, False))  # fmt: skip
         assert 0 < above.y0 - below.y1 < 0.25 * above.height
         assert figure.get_size_inches()[0] == (89 if count < 3 else 178) / 25.4
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full disk at hand")
+@pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
+def test_a_disk_that_is_full_is_no_error_of_the_figure(kind: str) -> None:
+    with pytest.raises(OSError, match="No space left on device"):
+        save_gallery(gallery([picture("lct")], ["one"], 89), Path("/dev/full"), kind)
 
 
 def test_names_say_the_method_once(nlos, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

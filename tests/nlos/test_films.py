@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.chain import reconstruct_file
 from nlos.cli.app import load_verb
@@ -162,6 +162,27 @@ def test_an_ffmpeg_that_hangs_or_fails_is_named(
     monkeypatch.setattr("nlos.film.ENCODING_S", 0.2 if "sleep" in does else 60.0)
     with pytest.raises(InvalidData, match=rf"film\.mp4: ffmpeg .*{said}"):
         write_mp4(tmp_path / "film.mp4", film_of(run, LCT, 8))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its ffmpeg is a shell's script")
+@pytest.mark.parametrize(("does", "why"), [
+    ("echo 'Error writing trailer: No space left on device' >&2", "No space left on device"),  # and ends with 0
+    ("echo 'Could not write header: No space left on device' >&2; exit 1", "No space left on device"),
+    ("kill -XFSZ $$", "File too large"),
+])  # fmt: skip
+def test_a_disk_that_is_full_is_none_of_an_mp4_whatever_ffmpeg_ends_with(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, why: str
+) -> None:
+    """FFmpeg 5 ends with 0 where the disk took a part of the film alone."""
+    program = tmp_path / "ffmpeg"
+    program.write_text(f'#!/bin/sh\nfor last; do :; done\necho a part > "$last"\n{does}\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    there = tmp_path / "run.h5"
+    shutil.copyfile(run, there)
+    with pytest.raises(StorageError, match=rf"run\.mp4: cannot be written \({why}\)"):
+        load_verb("export").main([str(there), "--to", "mp4"], standalone_mode=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ffmpeg", "run.h5"]
 
 
 @pytest.mark.parametrize("formats", ["gif,mp4", "npz,gif,mp4", "npz,ply"])
