@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 from nlos.acquisition.recording.disk_refusal import told_of
+from nlos.acquisition.recording.new_name import put_new
 
 
 @contextmanager
@@ -27,7 +28,7 @@ def whole_files(folder: Path, stale: Collection[str] = (), *, new: bool = False)
             with _told_later():
                 fresh = sorted(partial.iterdir())
                 if new:  # of two programs at once the first file is one's, and with it all of them
-                    _put(fresh[0], folder / fresh[0].name)
+                    put_new(fresh[0], folder / fresh[0].name, "folder")
                 for name in set(stale) - {path.name for path in fresh}:
                     (folder / name).unlink(missing_ok=True)
                 for path in fresh[1:] if new else fresh:
@@ -37,25 +38,6 @@ def whole_files(folder: Path, stale: Collection[str] = (), *, new: bool = False)
             if not there_before:
                 with suppress(OSError):
                     folder.rmdir()  # where nothing came of it
-
-
-def _put(path: Path, target: Path) -> None:
-    """Where nothing is."""
-    try:
-        os.link(path, target)
-    except FileExistsError as error:
-        raise _taken(target) from error
-    except (OSError, NotImplementedError) as error:  # a file system that knows no second names
-        if os.path.lexists(target):
-            raise _taken(target) from error
-        path.replace(target)
-
-
-def _taken(target: Path) -> FileExistsError:
-    return FileExistsError(
-        f"{target}: exists by now: another program has made it meanwhile. Choose another folder with -o, or use "
-        "--overwrite."
-    )
 
 
 @contextmanager

@@ -157,11 +157,11 @@ def _say_skipped(run: Path, found: PicturedFrames) -> None:
             log.warning("%s: skipped, with %s: frames %s. --frame shows one.", run, why, listed(frames))
 
 
-def write_film(folder: Path, film: Film) -> list[Path]:
+def write_film(folder: Path, film: Film, *, new: bool = False) -> list[Path]:
     """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`, `explained`, `explained_error`, `settings`
     as JSON, `memory`), film.gif, track.csv and track.json of all that is seen as one, and objects.csv of each object
-    alone."""
-    with whole_files(folder) as fresh:
+    alone. Raises as `whole_files` does."""
+    with whole_files(folder, new=new) as fresh:
         _write_film(fresh, film)
     return [folder / name for name in NAMES]
 

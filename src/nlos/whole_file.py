@@ -7,12 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nlos.acquisition.recording.disk_refusal import told_of
+from nlos.acquisition.recording.new_name import put_new
 from nlos.writable import check_writable
 
 
 @contextmanager
-def whole_file(target: Path) -> Iterator[Path]:
+def whole_file(target: Path, *, new: bool = False) -> Iterator[Path]:
     """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
+    Of a `new` one raises `FileExistsError` where another has taken its place by then.
     Raises `FileNotFoundError` where there is no folder for it, `IsADirectoryError` where it is one,
     `StorageError` where the disk does not take it, and as `check_writable` does."""
     if target.is_dir():
@@ -24,6 +26,9 @@ def whole_file(target: Path) -> Iterator[Path]:
     try:
         with told_of(target, partial):
             yield partial
-            partial.replace(target)
+            if new:
+                put_new(partial, target)
+            else:
+                partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ def check_bench_output(output: Path | None, overwrite: bool, what: str) -> None:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
 
 
-def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | None) -> None:
+def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | None, overwrite: bool) -> None:
     """The new text of `table` to `output`; without one it is only read once more, and the way to write it is said."""
     from nlos.configs.load import parse
     from nlos.drivers.bench_settings import BenchSettings
@@ -31,6 +31,6 @@ def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | N
     if output is None:
         terminal.log("not written: -o NEW.yaml writes a copy of the bench file with these lines")
         return
-    with whole_file(output) as partial:
+    with whole_file(output, new=not overwrite) as partial:
         partial.write_text(text, encoding="utf-8")
     terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))

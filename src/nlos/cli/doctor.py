@@ -89,7 +89,7 @@ def doctor(
     code = _said(examine(table, visit), findings)
     if target is not None:
         target.parent.mkdir(exist_ok=True)
-        write_page(target, table, findings, visit.met, opened_it)
+        write_page(target, table, findings, visit.met, opened_it, new=not overwrite)
         terminal.result(f"{target}", page=str(target))
     return code
 

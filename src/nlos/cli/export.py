@@ -75,7 +75,9 @@ def export(
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     left_behind = {}
     with ExitStack() as together:  # a format that cannot be written leaves none of the others either
-        partials = {word: together.enter_context(whole_file(target)) for word, target in targets.items()}
+        partials = {
+            word: together.enter_context(whole_file(target, new=not overwrite)) for word, target in targets.items()
+        }
         together.enter_context(unchanged(run, grows=True))  # nor do formats that are not of one scan
         film = _film(run, method or "lct", words) if set(words) & set(FILM_FORMATS) else None
         for word, target in targets.items():

@@ -43,7 +43,7 @@ def figure(
     names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
-    with whole_file(output) as partial:
+    with whole_file(output, new=not overwrite) as partial:
         save_gallery(gallery(made, names, width_mm), partial, output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))
 

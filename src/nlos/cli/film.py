@@ -57,7 +57,7 @@ def reconstruct_film(
         results.check(NAMES)
     with frames_counted(run) as counted:
         film = film_of(run, recipe, window, counted, memory)
-    paths = write_film(output, film)
+    paths = write_film(output, film, new=not (results.overwrite or skip_existing))
     terminal.result(
         f"{output}: {', '.join(path.name for path in paths)} ({recipe.method}, {len(film.frame)} pictures)",
         folder=str(output), files=[path.name for path in paths], pictures=len(film.frame), window=film.window,

@@ -39,7 +39,7 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
     lines = _block(found, table.settings, counter)
     terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
     terminal.result(f"\na scan file's line:\n{_histogram_line(found)}")
-    write_bench_file(with_block(table.text, "first_light", lines), table, output)
+    write_bench_file(with_block(table.text, "first_light", lines), table, output, overwrite)
 
 
 def _agree(bench: "Bench", light: bool) -> None:

@@ -17,6 +17,7 @@ from nlos.new_bench.hints import HINTS
 from nlos.new_bench.questions import questions
 from nlos.new_bench.unfinished import Unfinished
 from nlos.new_bench.writing import attenuators, bench_text, blocks_of
+from nlos.whole_file import whole_file
 
 
 def new(
@@ -63,7 +64,8 @@ def new(
         raise UsageError(f"these answers do not make a valid bench file: {why}. {as_options(said)}") from error
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_text(text, encoding="utf-8")
+        with whole_file(output, new=not overwrite) as partial:
+            partial.write_text(text, encoding="utf-8")
     except OSError:
         terminal.log(as_options(said))
         raise

@@ -116,7 +116,7 @@ def plan(
     if picture is not None:
         from nlos.report.figures import path_picture
 
-        path_picture(planned.only(planned.expected()), picture)
+        path_picture(planned.only(planned.expected()), picture, new=not overwrite)
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
 
 

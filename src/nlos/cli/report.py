@@ -34,5 +34,5 @@ def report(
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]
     if not all(words) or len(set(words)) < len(words):
         raise UsageError(f"--methods {methods}: different method names, separated by commas")
-    write_report(runs, target, words)
+    write_report(runs, target, words, new=not overwrite)
     terminal.result(f"{target}: {target.stat().st_size / 1e6:.1f} MB, self-contained", report=str(target))

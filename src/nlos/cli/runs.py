@@ -60,7 +60,7 @@ def runs(
     if page is not None:
         from nlos.runs.page import write_page
 
-        write_page(page, where, found, " ".join(words or []))
+        write_page(page, where, found, " ".join(words or []), new=not overwrite)
         terminal.result(str(page), page=str(page))
 
 

@@ -53,7 +53,7 @@ def place_scanner(spots: Path, ruler_m: float, bench: str | None, output: Path |
         if key and name in found.fit.errors
     }
     terminal.result("the bench file's lines, in geometry:\n" + "\n".join(f"  {key}: {v}" for key, v in keys.items()))
-    write_bench_file(with_keys(table.text, "geometry", keys), table, output)
+    write_bench_file(with_keys(table.text, "geometry", keys), table, output, overwrite)
 
 
 def fitted_lines(fit: "GeometryFit") -> list[tuple[str, dict[str, object]]]:

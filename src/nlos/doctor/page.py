@@ -51,8 +51,10 @@ def write_page(
     findings: Sequence[Finding],
     met: Mapping[str, DeviceIdentity],
     with_light: bool,
+    *,
+    new: bool = False,
 ) -> None:
-    """Writes the page to `target`, whole or not at all."""
+    """Writes the page to `target`, whole or not at all; a `new` one as `whole_file` does."""
     settings = table.settings
     counted = {
         verdict: sum(each.verdict == verdict for each in findings) for verdict in ("PASS", "WARN", "FAIL", "SKIP")
@@ -101,5 +103,5 @@ def write_page(
         f"<h2>Bench</h2><table>{about}</table><details><summary>The bench file</summary>"
         f"<pre>{escape(table.text)}</pre></details></body></html>"
     )
-    with whole_file(target) as partial:
+    with whole_file(target, new=new) as partial:
         partial.write_text(escaped(page), encoding="utf-8")

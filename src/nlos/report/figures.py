@@ -1,5 +1,6 @@
 """Pictures of plans: the mirror's path over the wall, coloured by time, beside the dwell of every point."""
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,8 @@ if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
 
 
-def path_picture(plan: "ScanPlan", path: Path) -> None:
-    """Writes a PNG: where the beam goes and when, and how long it stays."""
+def path_picture(plan: "ScanPlan", path: Path, *, new: bool = False) -> None:
+    """Writes a PNG: where the beam goes and when, and how long it stays; a `new` one as `whole_file` does."""
     figure = Figure(figsize=(11, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     x_m, y_m = plan.positions.x_m, plan.positions.y_m
@@ -30,5 +31,7 @@ def path_picture(plan: "ScanPlan", path: Path) -> None:
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal",
                  xlim=(-plan.wall.width_m / 2, plan.wall.width_m / 2),
                  ylim=(-plan.wall.height_m / 2, plan.wall.height_m / 2))  # fmt: skip
-    with whole_file(path) as partial:
-        figure.savefig(partial, dpi=120, format=path.suffix[1:] or "png")
+    drawn = io.BytesIO()  # of a full disk matplotlib's own writer of pdf tells as of an error in itself
+    figure.savefig(drawn, dpi=120, format=path.suffix[1:] or "png")
+    with whole_file(path, new=new) as partial:
+        partial.write_bytes(drawn.getbuffer())

@@ -34,10 +34,10 @@ _WITHOUT_SCRIPT = "<noscript><style>.still { display: block } iframe { display: 
 """As on paper: nothing turns there, and a box would be empty."""
 
 
-def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> None:
+def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str], *, new: bool = False) -> None:
     """Writes the report on `runs` to `target`, pictures by the first of `methods` foremost: of a scan that has no
-    picture, why. Raises what reading raises, and `InvalidSettings` for a method that does not exist, before anything
-    is computed."""
+    picture, why. Raises what reading raises, `InvalidSettings` for a method that does not exist, before anything is
+    computed, and where it is `new` `FileExistsError`, where another has taken its place by the end."""
     knows_falloff = {method: "falloff" in find(method).Settings.model_fields for method in methods}
     sections, pictures = [], []
     for run in runs:
@@ -51,7 +51,7 @@ def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> 
         f'content="width=device-width"><title>{escape(name)}</title><style>{style}</style>{_WITHOUT_SCRIPT}</head><body>'
         f"{_side_by_side(pictures) if len(runs) > 1 else ''}{''.join(sections)}</body></html>"
     )
-    with whole_file(target) as partial:
+    with whole_file(target, new=new) as partial:
         partial.write_text(page, encoding="utf-8")
 
 

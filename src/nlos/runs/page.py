@@ -18,9 +18,9 @@ _LARGEST_PICTURE = 200_000
 """Bytes of a picture that is taken as it is; a larger one is too much for a card."""
 
 
-def write_page(target: Path, folder: Path, runs: Sequence[Run], words: str) -> None:
-    """Raises `OSError` where it cannot be written; then an older page is as it was."""
-    with whole_file(target) as partial:
+def write_page(target: Path, folder: Path, runs: Sequence[Run], words: str, *, new: bool = False) -> None:
+    """Raises `OSError` where it cannot be written; then an older page is as it was. A `new` one: as `whole_file`."""
+    with whole_file(target, new=new) as partial:
         partial.write_text(page(folder, runs, words, target.absolute().parent), encoding="utf-8")
 
 
