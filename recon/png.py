@@ -1,5 +1,6 @@
 """Figures as PNG."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -15,3 +16,19 @@ def write_png(figure: "Figure", to: Path | BinaryIO, dots_per_inch: int) -> None
     figure.set_dpi(dots_per_inch)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.print_png(to, metadata={"Software": "nlos"})
+
+
+def refuse_to_replace_another(path: Path) -> None:
+    """Raises `FileExistsError` where something other than a picture that `write_png` wrote is at `path`: such a one is
+    drawn anew each time, without being asked."""
+    if not os.path.lexists(path):
+        return
+    head = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(4096)
+    if b"tEXtSoftware\0nlos" not in head:
+        raise FileExistsError(
+            f"{path}: exists, and is none of this program's pictures, of which one would go there. Rename it, or use "
+            "--overwrite."
+        )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nlos.__main__ import run as nlos
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.exporters.ptu import write_ptu
 from nlos.acquisition.exporters.scan_arrays import arrays_of_import
 from nlos.acquisition.importers.formats import read_any
@@ -82,6 +83,45 @@ def test_nothing_is_overwritten_unasked(folder: Path, capsys: pytest.CaptureFixt
     (folder / "mine.h5").write_text("mine")
     assert called(capsys, folder / "plain.h5", "-o", folder / "mine.h5")[0] == 6
     assert (folder / "mine.h5").read_text() == "mine"
+
+
+def test_pictures_of_others_are_not_replaced_and_own_ones_are(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "c.h5"
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "background.png").write_text("mine")
+    code, told = called(capsys, folder / "plain.h5", "-o", target)
+    assert (code, "c/background.png: exists" in told["error"]["message"]) == (6, True)  # type: ignore[index]
+    assert [path.name for path in (tmp_path / "c").iterdir()] == ["background.png"]
+    assert not target.exists()
+    assert called(capsys, folder / "plain.h5", "-o", target, "--overwrite")[0] == 0
+    assert (tmp_path / "c" / "background.png").read_bytes()[1:4] == b"PNG"
+    target.unlink()
+    assert called(capsys, folder / "plain.h5", "-o", target)[0] == 0
+
+
+def test_constants_that_the_disk_does_not_take_leave_no_pictures_either(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*words: object) -> None:
+        raise StorageError("c.h5: cannot be written")
+
+    monkeypatch.setattr("nlos.cli.calibrate.save", full)
+    code, _ = called(capsys, folder / "plain.h5", "-o", tmp_path / "c.h5")
+    assert code == 6
+    assert not list(tmp_path.iterdir())
+
+
+def test_constants_without_a_suffix_have_their_pictures_beside_them(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, told = called(capsys, folder / "plain.h5", "-o", tmp_path / "lab")
+    assert code == 0, told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lab", "lab-pictures"]
+    code, told = called(capsys, folder / "plain.h5", "-o", tmp_path / "lab.h5")
+    assert "lab: is a file, where a folder of pictures would go" in told["error"]["message"]  # type: ignore[index]
+    assert code == 6
 
 
 def test_a_plain_raw_file_is_calibrated_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -91,6 +91,12 @@ def test_marked_spots_become_lines_of_the_bench_file(tmp_path: Path, capsys: pyt
     said = json.loads(capsys.readouterr().out)
     assert said["undetermined"] == []
     assert (tmp_path / "spots.png").stat().st_size > 10_000
+    words = ["calibrate", "--spots", str(table), "--bench", str(bench)]
+    assert run(words) == 0  # its own picture is drawn anew
+    (tmp_path / "spots.png").write_bytes(b"\x89PNG, a photograph of the wall")
+    assert run(words) == 6
+    assert "spots.png: exists, and is none of this program's pictures" in capsys.readouterr().err
+    assert (tmp_path / "spots.png").read_bytes() == b"\x89PNG, a photograph of the wall"
     drawn = load("bench", str(target), BenchSettings).settings.geometry
     assert (drawn.scanner_x_m, drawn.wall_distance_m) == pytest.approx((0.25, 1.42), abs=2e-3)
     assert run(["point", "0.3", "0.1", "--bench", str(target), "--json"]) == 0

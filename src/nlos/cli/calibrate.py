@@ -1,6 +1,8 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
+import os
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,8 +29,7 @@ from nlos.cli.seconds import with_error
 from nlos.cli.spots import place_scanner
 from nlos.cli.targets import refuse_own_input
 from nlos.cli.terminal import terminal
-from nlos.report.calibration_pictures import write_pictures
-from nlos.report.spots_picture import spots_picture
+from nlos.report.calibration_pictures import folder_of_pictures, pictures_of, refuse_to_replace
 
 
 def calibrate(
@@ -169,16 +170,20 @@ def _from_runs(
         terminal.log(f"warning: {warning}")
     terminal.document["warnings"] = said
     target.parent.mkdir(parents=True, exist_ok=True)
-    with Stages("calibrate: drawing the corrections", "nlos.report"):
-        pictures = write_pictures(found, target.with_suffix(""))
-        if measured_spots is not None and found.geometry is not None and found.raw is not None:
-            pictures.append(target.with_suffix("") / "spots.png")
-            spots_picture(pictures[-1], found.geometry, measured_spots, (found.raw.x_m, found.raw.y_m))
+    with ExitStack() as together:  # constants and pictures are of one measurement, or there are neither
+        with Stages("calibrate: drawing the corrections", "nlos.report"):
+            drawn = pictures_of(found, folder_of_pictures(target), measured_spots)
+            pictures = together.enter_context(drawn)
+        poor = _poor(found.constants)
+        if poor is None:
+            save(replace(found.constants, bench=bench, bench_facts=facts), target, overwrite)
+        elif target.exists():  # whose pictures those in the folder are
+            raise poor
     for picture in pictures:
         terminal.result(str(picture))
     terminal.document["pictures"] = [str(picture) for picture in pictures]
-    _refuse_poor(found.constants)
-    save(replace(found.constants, bench=bench, bench_facts=facts), target, overwrite)
+    if poor is not None:
+        raise poor
     kept = bench and target.parent.resolve() == folder_of(bench).resolve()
     whose = f"of bench {bench}, {_used_by(found.constants)}" if kept else "taken where --constants names it"
     terminal.result(f"{target}: {whose}", constants=str(target), bench=bench, kept_with_bench=bool(kept))
@@ -201,13 +206,17 @@ def _used_by(constants: "BenchConstants") -> str:
 
 def _refuse_to_replace(target: Path, read: Sequence[Path | None], overwrite: bool) -> None:
     refuse_own_input(target, read, "a file that is calibrated from")
-    if target.exists() and not overwrite:
+    if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_to_replace(folder_of_pictures(target), overwrite)
 
 
-def _refuse_poor(constants: "BenchConstants") -> None:
-    """Ends the command when the constants are not good enough to keep; what they are was printed before."""
+def _poor(constants: "BenchConstants") -> Stopped | None:
+    """What ends the command where the constants are not good enough to keep; what they are was printed before."""
     try:
         constants.check()
     except PoorCalibration as error:
-        raise Stopped(ExitCode.DATA, f"nothing was saved: {error}") from error
+        stopped = Stopped(ExitCode.DATA, f"nothing was saved: {error}")
+        stopped.__cause__ = error
+        return stopped
+    return None

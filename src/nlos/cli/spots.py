@@ -16,7 +16,9 @@ from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench
 from nlos.cli.terminal import terminal
 from nlos.first_light.bench_lines import with_keys
-from nlos.report.spots_picture import spots_picture
+from nlos.recon.png import refuse_to_replace_another, write_png
+from nlos.report.spots_picture import draw_spots
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.calibration.geometry_fit import GeometryFit
@@ -38,14 +40,17 @@ NAMES = {
 def place_scanner(spots: Path, ruler_m: float, bench: str | None, output: Path | None, overwrite: bool) -> None:
     """Fits, says what was found and what these spots cannot tell, draws it, and writes the bench file to `output`."""
     check_bench_output(output, overwrite, "spots without a RUN write")
+    picture = spots.with_suffix(".png")
+    if not overwrite:
+        refuse_to_replace_another(picture)
     table, measured = load_bench(bench), read_spots(spots, ruler_m)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
     _tell(found, measured)
     kept = found.fit.spots_accepted
     used = Spots(measured.x_rad[kept], measured.y_rad[kept], measured.x_m[kept], measured.y_m[kept])
     keep_beam_seen(table.settings, "calibrate --spots", used)
-    picture = spots.with_suffix(".png")
-    spots_picture(picture, found.fit, measured, allowed=table.settings.geometry.allowed)
+    with whole_file(picture) as partial:
+        write_png(draw_spots(found.fit, measured, allowed=table.settings.geometry.allowed), partial, 110)
     terminal.result(f"{picture}: wall, spots, residuals", picture=str(picture))
     keys = {
         key: f"{round(getattr(found.fit.geometry, name) * scale, 4) + 0.0:.4f}"

@@ -1,6 +1,7 @@
 """One picture a correction: before, after, and what is left."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,24 +10,44 @@ import numpy.typing as npt
 
 from nlos.calibration.alignment import align
 from nlos.calibration.detector import subtract_dark, undo_dead_time
-from nlos.recon.png import write_png
+from nlos.recon.png import refuse_to_replace_another, write_png
 from nlos.recon.whole_files import whole_files
+from nlos.report.spots_picture import draw_spots
 
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.correct import CorrectedPoints
+    from nlos.calibration.geometry_fit import Spots
     from nlos.calibration.measure import Measurement
     from nlos.calibration.raw_points import RawPoints
 
 Floats = npt.NDArray[np.float64]
 SHOWN_S = 3e-9
+NAMES = ("time_offset", "background", "direct_light", "dead_time", "wall", "spots")
 
 
-def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
-    """Draws what `found` holds into `folder`, replacing earlier pictures of the same names; returns their paths."""
+def folder_of_pictures(constants: Path) -> Path:
+    """Where the pictures of the constants in that file go: beside it."""
+    return constants.with_suffix("") if constants.suffix else constants.with_name(f"{constants.name}-pictures")
+
+
+def refuse_to_replace(folder: Path, overwrite: bool) -> None:
+    """Raises `FileExistsError` where a file is at the folder's place, and where what is at the place of a picture is
+    none of this program's and not to be replaced."""
+    if folder.exists() and not folder.is_dir():
+        raise FileExistsError(f"{folder}: is a file, where a folder of pictures would go. Choose another name with -o.")
+    for name in () if overwrite else NAMES:
+        refuse_to_replace_another(folder / f"{name}.png")
+
+
+@contextmanager
+def pictures_of(found: "Measurement", folder: Path, spots: "Spots | None" = None) -> Iterator[list[Path]]:
+    """Draws what `found` holds. The pictures, whose paths it gives, take their places in `folder`, and those of earlier
+    ones of the same names, when the block ends, and none of them where that fails."""
     raw, corrected = found.raw, found.corrected
     if raw is None or corrected is None:
-        return []
+        yield []
+        return
     from matplotlib.figure import Figure
 
     pictures: list[tuple[str, Callable[[Any], None]]] = [
@@ -46,7 +67,9 @@ def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
             for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
                 panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
             write_png(figure, fresh / f"{name}.png", 100)
-    return [folder / f"{name}.png" for name, _ in pictures]
+        if spots is not None and found.geometry is not None:
+            write_png(draw_spots(found.geometry, spots, (raw.x_m, raw.y_m)), fresh / "spots.png", 110)
+        yield [folder / f"{name}.png" for name in NAMES if (fresh / f"{name}.png").exists()]
 
 
 def _map(panel: Any, raw: "RawPoints", values: Floats, label: str, symmetric: bool = False) -> None:

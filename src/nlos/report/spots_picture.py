@@ -1,14 +1,13 @@
 """The wall with spots, scan area and scanner: where spots were measured, where the fit has them, how far apart."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.whole_file import whole_file
-
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from nlos.calibration.geometry_fit import GeometryFit, Spots
     from nlos.drivers.bench_settings import AllowedArea
 
@@ -17,13 +16,12 @@ _ARROW_PART = 0.15
 """Of the wall's width: what the longest residual is drawn as."""
 
 
-def spots_picture(
-    path: Path,
+def draw_spots(
     fit: "GeometryFit",
     spots: "Spots",
     scanned: tuple[Floats, Floats] | None = None,
     allowed: "AllowedArea | None" = None,
-) -> None:
+) -> "Figure":
     """`scanned`: the points (x_m, y_m) of a scan; `allowed`: where the bench file lets the beam go."""
     from matplotlib.figure import Figure
 
@@ -41,9 +39,7 @@ def spots_picture(
         xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, measured less fitted (mm)",
         ylabel="y (mm)", title=f"{len(off_mm)} spots, {fit.spots_rms_m * 1e3:.2f} mm RMS off the fit{aside}",
     )  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as partial:
-        figure.savefig(partial, dpi=110, format=path.suffix[1:] or "png")
+    return figure
 
 
 def _draw_wall(
