@@ -4,6 +4,7 @@ This asks for the light to be shut off and checks that it was. The hard-wired in
 """
 
 import threading
+from collections.abc import Callable
 
 from nlos.drivers.arming import Arming
 from nlos.drivers.clock import Clock
@@ -44,6 +45,8 @@ class GuardedShutter:
         self._placed = False  # known where a trip is written down
         self._lately = CountedLately(settings.trip_ms * 1e-3)
         self._held = ""
+        self.when_held: Callable[[str], None] = lambda why: None
+        """Told of every `hold`: a scan in its light ends its point, whatever else the program makes of the signal."""
         self._for_good = False
         self._opening = threading.RLock()
         self._arming = arming
@@ -74,9 +77,9 @@ class GuardedShutter:
         """Whether it was told to open and is not confirmed closed since."""
         return self._open
 
-    def is_held(self) -> bool:
-        """Whether a signal shut the light off and nobody has released the shutter since."""
-        return bool(self._held)
+    def is_held(self) -> str:
+        """By what: a signal that shut the light off, where nobody has released the shutter since; else empty."""
+        return self._held
 
     def agree(self) -> None:
         """Whether a trip could be written down, this terminal may have light and somebody says so, asked at a moment
@@ -158,6 +161,7 @@ class GuardedShutter:
     def hold(self, why: str) -> None:
         """Closes, and keeps closed what somebody may be about to open: within a signal handler."""
         self._held = why
+        self.when_held(why)
         self.close(why)
 
     def close_for_good(self, why: str = "") -> None:

@@ -13,14 +13,14 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.salvage import Resumed
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import AlarmSettings
-from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.cli.agreeing import agrees
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import recording_target
 from nlos.configs.load import load
 from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
-from nlos.drivers.errors import DeviceBusy
+from nlos.drivers.errors import DeviceBusy, ShutterHeld
 from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
 from nlos.live.looks import catch_up
@@ -64,7 +64,8 @@ def scan(
     with all that happens, each sample before it is yielded; `resume`: only what is missing there. `constants`: what
     `nlos calibrate` measured, to aim by; default: the bench's newest; "none": none. A bench without a shutter needs
     `no_shutter=True`. `sample`, `operator`, `note`, `tags`: kept in the recording; defaults are the bench's, then one's
-    own. Raises `DeviceError` with the shutter closed, `DeviceBusy` while another scan of this bench is under way.
+    own. Raises `DeviceError` with the shutter closed, `DeviceBusy` while another scan of this bench is under way,
+    `ShutterHeld` after a signal whose handler in this program went on.
     """
     _check_free(bench)
     _check_notes(tags, sample=sample, operator=operator, note=note)
@@ -161,6 +162,12 @@ def _advised(
             if adviser is not None:
                 adviser.add(sample)
             yield sample
+    if control.state is ScanState.ENDED and (signal := prepared.bench.shutter.is_held()):
+        raise ShutterHeld(
+            "shutter",
+            f"{signal} shut the light off, and this program's own handler of it went on: the scan ends here.",
+            "A handler that is to leave light alone is set once the bench is open.",
+        )
 
 
 def _recorded(prepared: PreparedScan) -> Generator[Sample, None, None]:

@@ -11,7 +11,7 @@ from nlos.acquisition.recording.salvage import UNCUT, EndedFilm, end_film
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip
+from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip, ShutterHeld
 from nlos.drivers.exit_paths import undisturbed
 
 LONG_BYTES = 1 << 27
@@ -98,7 +98,7 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     def _told_to_end(self, error: BaseException) -> bool:
         """Whether a person or the system ended the scan, also where the signal that shut the light broke into an
         exchange, so that what ends the block is a device's error."""
-        if self._control.wanted or isinstance(error, Preempted):
+        if self._control.wanted or isinstance(error, Preempted | ShutterHeld):
             return True
         while not isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             if error.__context__ is None:
