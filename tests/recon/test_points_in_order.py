@@ -56,6 +56,17 @@ def test_nothing_speaks_against_points_in_order(photons: float, seed: int) -> No
     assert out_of_order(turned) == "", "a mirror image is a scene as good as any"
 
 
+def jumping_by_columns(counts: Counts) -> Counts:
+    """Time zero wanders by 3 bins of 64 ps, as of a trigger that is armed anew for every line."""
+    shifts = np.round(np.random.default_rng(5).normal(0, 3, counts.shape[2])).astype(int)
+    return np.stack([np.roll(counts[:, :, col], by, axis=0) for col, by in enumerate(shifts)], axis=2)
+
+
+def jumping_by_rows(counts: Counts) -> Counts:
+    shifts = np.round(np.random.default_rng(6).normal(0, 3, counts.shape[1])).astype(int)
+    return np.stack([np.roll(counts[:, row], by, axis=0) for row, by in enumerate(shifts)], axis=1)
+
+
 @pytest.mark.parametrize("photons", [3.0, 30.0])
 @pytest.mark.parametrize(
     ("disorder", "words"),
@@ -71,6 +82,20 @@ def test_points_that_lie_elsewhere_are_noticed(
     for seed in range(3):
         right = scan(photons, seed)
         assert words in out_of_order(replace(right, counts=disorder(right.counts)))
+
+
+@pytest.mark.parametrize("disorder", [jumping_by_columns, jumping_by_rows])
+def test_a_time_zero_that_jumps_between_lines_is_named(disorder: Callable[[Counts], Counts]) -> None:
+    for seed in range(3):
+        right = scan(30.0, seed)
+        assert "time zero jumps by" in out_of_order(replace(right, counts=disorder(right.counts)))
+
+
+def test_one_line_that_is_late_is_no_jumping_time_zero() -> None:
+    right = scan(30.0)
+    late = right.counts.copy()
+    late[:, :, 20] = np.roll(late[:, :, 20], 40, axis=0)
+    assert out_of_order(replace(right, counts=late)) == ""
 
 
 def test_uneven_dwells_are_no_disorder() -> None:
