@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nlos.recon.evaluate import Evaluation, Row, as_json
+from nlos.recon.own_style import own_style
 from nlos.recon.pixel_marks import outline
 from nlos.recon.png import write_png
 from nlos.recon.results import software
@@ -125,6 +126,7 @@ def sure_table(rows: list[Row]) -> list[str]:
     return [*lines, ""]
 
 
+@own_style()
 def gallery(evaluation: Evaluation, path: Path) -> None:
     """Front views and depths: a line a scene and condition, the truth first, then a column a method. Yellow is near,
     dark blue far; beside each line stands where its colours end."""

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nlos.recon.errors import InvalidData
+from nlos.recon.own_style import own_style
 from nlos.recon.pictures import BACKGROUND, OUTLINED
 from nlos.recon.pixel_marks import hatch, outline
 from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
@@ -25,6 +26,7 @@ HATCHED = ((-np.inf, -0.6, "white"), (-0.6, -0.1, "0.25"))
 """Differences from and below this part of the scale's end, and the colour that is seen on theirs."""
 
 
+@own_style()
 def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: float = 178.0) -> Figure:
     """One column a result, `MOST_COLUMNS` to a line; every front view relative to its own brightest point, every depth
     by the same colours. Text of 7 points, as journals ask for. Raises `InvalidData` for no results."""
@@ -72,6 +74,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
     return figure
 
 
+@own_style()
 def save_gallery(figure: Figure, path: Path, kind: str) -> None:
     """Writes a gallery as `kind`: png of 300 dots per inch; pdf with TrueType fonts inside, which journals ask for; svg
     with letters as outlines, which look the same where the font is missing. Raises `OSError` where the disk does not
@@ -82,6 +85,7 @@ def save_gallery(figure: Figure, path: Path, kind: str) -> None:
     path.write_bytes(drawn.getbuffer())
 
 
+@own_style()
 def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[str, str]) -> Figure:
     """Front view and depth of one less the other's, where both have them, on the finer grid of both. Raises
     `InvalidData` for walls of other sizes."""

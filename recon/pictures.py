@@ -13,6 +13,7 @@ from matplotlib.patheffects import withStroke
 
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
+from nlos.recon.own_style import own_style
 from nlos.recon.pixel_marks import hatch, outline
 from nlos.recon.png import write_png
 from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
@@ -29,6 +30,7 @@ UNSEEN = "Nothing is seen in this picture"
 MISPLACED = "Wall, time zero or order of points in doubt"
 
 
+@own_style()
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
     """The front view, brightest at its 99.9th percentile, as PNG."""
     _single(reconstruction, path, draw_albedo)
@@ -46,6 +48,7 @@ def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> N
     scale_bar(axes, reconstruction.wall.width_m, reconstruction.wall.height_m, "white")
 
 
+@own_style()
 def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
     """The depth map in metres, fading into grey where little or nothing is seen, as PNG."""
     _single(reconstruction, path, draw_depth)
@@ -78,6 +81,7 @@ def draw_depth(
     scale_bar(axes, reconstruction.wall.width_m, reconstruction.wall.height_m, "0.25")
 
 
+@own_style()
 def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None) -> Figure:
     """Front view and depth map side by side, on `figure` where one is given."""
     figure = figure or Figure()
@@ -91,6 +95,7 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     return figure
 
 
+@own_style()
 def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
     """How well the wall was measured at each point, 0 to 1, as PNG. Raises `InvalidData` where that is not known."""
     if reconstruction.confidence is None:

@@ -4,10 +4,13 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from nlos.recon.own_style import own_style
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@own_style()
 def write_png(figure: "Figure", to: Path | BinaryIO, dots_per_inch: int) -> None:
     """Writes a figure, which has that resolution from then on: the file that `savefig` writes, in three quarters of its
     time, as that goes through a figure once more to lay it out."""

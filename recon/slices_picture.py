@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from nlos.recon.errors import InvalidData
+from nlos.recon.own_style import own_style
 from nlos.recon.pictures import extent, save_picture
 from nlos.recon.seen import FAINT
 from nlos.recon.small_print import below, small_print
@@ -21,6 +22,7 @@ BEHIND = 1.15
 INCHES, LEAST_INCHES = 7.4, 4.0
 
 
+@own_style()
 def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
     """Writes the PNG; marks at the edges say where each slice lies in the others.
 

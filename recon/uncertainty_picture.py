@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from nlos.recon.errors import InvalidData
+from nlos.recon.own_style import own_style
 from nlos.recon.pictures import BACKGROUND, extent, save_picture
 from nlos.recon.pixel_marks import outline
 from nlos.recon.seen import brightest
@@ -26,6 +27,7 @@ TITLE_POINTS = 10
 """As wide as a panel; larger, a title runs into the colour bar beside it."""
 
 
+@own_style()
 def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
     """Writes the PNG. Raises `InvalidData` where the method does not know how sure it is."""
     if reconstruction.intervals is None:

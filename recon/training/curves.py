@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nlos.acquisition.recording.disk_refusal import told_of
+from nlos.recon.own_style import own_style
 from nlos.recon.png import write_png
 
 VALIDATED = "validation "
@@ -85,6 +86,7 @@ class Redrawn:
             self._due_s = time.monotonic() + 9 * (time.monotonic() - began_s)
 
 
+@own_style()
 def draw(log: Path) -> None:
     """loss.png beside the log, replaced at once."""
     from matplotlib.figure import Figure

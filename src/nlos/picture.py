@@ -9,6 +9,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from nlos.python_words import said_in_python
+from nlos.recon.own_style import own_style
 from nlos.recon.pictures import summary_figure
 from nlos.recon.png import write_png
 from nlos.recon.results import write_results
@@ -109,8 +110,9 @@ class Picture:
         """Shows the figure: in the notebook's cell, or in a window where there is a display."""
         import matplotlib.pyplot as plt
 
-        figure = plt.figure(FigureClass=Figure)
-        summary_figure(self.reconstruction, figure)
+        with own_style():
+            figure = plt.figure(FigureClass=Figure)
+            summary_figure(self.reconstruction, figure).draw_without_rendering()  # ticks, too, are made as they look
         plt.show()
 
     @said_in_python()

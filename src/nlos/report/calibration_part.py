@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.digits import plus_minus
 from nlos.calibration.correct import CorrectedPoints
 from nlos.chain import calibrate_scan
+from nlos.recon.own_style import own_style
 from nlos.report.html import number, picture, table
 from nlos.response import say_response
 
@@ -59,6 +60,7 @@ def _sentence(corrected: CorrectedPoints) -> str:
     return f"Arrival times fit a plane wall to {rms_ps:.1f} ps RMS ({rms_mm:.2f} mm){width}."
 
 
+@own_style()
 def _residuals(corrected: CorrectedPoints, transient: "Transient") -> str:
     from matplotlib.figure import Figure
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from nlos.calibration.alignment import align
 from nlos.calibration.detector import subtract_dark, undo_dead_time
+from nlos.recon.own_style import own_style
 from nlos.recon.png import refuse_to_replace_another, write_png
 from nlos.recon.whole_files import whole_files
 from nlos.report.spots_picture import draw_spots
@@ -60,15 +61,16 @@ def pictures_of(found: "Measurement", folder: Path, spots: "Spots | None" = None
     if found.geometry is not None:
         pictures.append(("wall", lambda axes: _draw_wall(axes, found)))
     with whole_files(folder) as fresh:
-        for name, draw in pictures:
-            figure = Figure(figsize=(15, 4.5), layout="constrained")
-            axes = figure.subplots(1, 3)
-            draw(axes)
-            for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
-                panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
-            write_png(figure, fresh / f"{name}.png", 100)
-        if spots is not None and found.geometry is not None:
-            write_png(draw_spots(found.geometry, spots, (raw.x_m, raw.y_m)), fresh / "spots.png", 110)
+        with own_style():
+            for name, draw in pictures:
+                figure = Figure(figsize=(15, 4.5), layout="constrained")
+                axes = figure.subplots(1, 3)
+                draw(axes)
+                for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
+                    panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
+                write_png(figure, fresh / f"{name}.png", 100)
+            if spots is not None and found.geometry is not None:
+                write_png(draw_spots(found.geometry, spots, (raw.x_m, raw.y_m)), fresh / "spots.png", 110)
         yield [folder / f"{name}.png" for name in NAMES if (fresh / f"{name}.png").exists()]
 
 

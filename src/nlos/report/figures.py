@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from nlos.recon.own_style import own_style
 from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
 
 
+@own_style()
 def path_picture(plan: "ScanPlan", path: Path, *, new: bool = False) -> None:
     """Writes a PNG: where the beam goes and when, and how long it stays; a `new` one as `whole_file` does."""
     figure = Figure(figsize=(11, 4.8), layout="constrained")

@@ -9,6 +9,7 @@ import numpy as np
 from nlos.acquisition.recording.ended_as_asked import AS_ASKED, status_word
 from nlos.acquisition.recording.frames import ended_plan, frame_table
 from nlos.acquisition.scanning.advice import reasons
+from nlos.recon.own_style import own_style
 from nlos.report.html import folded, picture, table
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ def _settings(recording: "Recording") -> str:
     return "<h2>Settings</h2>" + "".join(folded(name, text) for name, text in texts if text)
 
 
+@own_style()
 def _scan(recording: "Recording") -> str:
     from matplotlib.figure import Figure
 
@@ -117,6 +119,7 @@ def _scan(recording: "Recording") -> str:
     return f"<h2>Exposure and rates</h2>{picture(figure, caption, told)}" + _chosen(recording)
 
 
+@own_style()
 def _chosen(recording: "Recording") -> str:
     """Of a plan of candidates: why its points were taken, where, and for how long."""
     from matplotlib.figure import Figure

@@ -4,8 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from nlos.acquisition.transient import Transient
+from nlos.recon.own_style import own_style
 
 
+@own_style()
 def scan_figure(transient: Transient) -> Figure:
     """Counts of every point over the wall, and all histograms added up over time in nanoseconds."""
     wall, time = transient.wall, transient.time

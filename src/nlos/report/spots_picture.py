@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.own_style import own_style
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -16,6 +18,7 @@ _ARROW_PART = 0.15
 """Of the wall's width: what the longest residual is drawn as."""
 
 
+@own_style()
 def draw_spots(
     fit: "GeometryFit",
     spots: "Spots",

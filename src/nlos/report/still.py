@@ -5,6 +5,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from nlos.recon.own_style import own_style
 from nlos.recon.seen import SOLID
 from nlos.recon.view3d import solid_points
 from nlos.recon.volume import Reconstruction
@@ -15,6 +16,7 @@ LUMA = np.array([0.299, 0.587, 0.114])
 Floats = npt.NDArray[np.float32]
 
 
+@own_style()
 def still_figure(reconstruction: Reconstruction) -> Figure:
     """The bright voxels, or the front surface, behind the wall; near is yellow, as in the depth picture, but no colour
     is too light for paper, and what is faint is pale."""
