@@ -16,6 +16,7 @@ from nlos.recipe import FARTHEST_M, Recipe
 from nlos.recon.depth_range import within_depths
 from nlos.recon.device import check_device
 from nlos.recon.errors import InvalidSettings
+from nlos.recon.own_arithmetic import own_arithmetic
 from nlos.response import response_wanted
 from nlos.scan_data import Scan, load
 
@@ -23,6 +24,7 @@ ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
 
 @said_in_python()
+@own_arithmetic()
 def reconstruct(
     scan: Scan | Transient | str | Path | npt.ArrayLike,
     method: str | None = None,

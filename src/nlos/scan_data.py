@@ -13,6 +13,7 @@ from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.cli.escaped import escaped
 from nlos.loaded import LoadedScan, load_scan
 from nlos.python_words import said_in_python
+from nlos.recon.own_arithmetic import own_arithmetic
 
 Floats = npt.NDArray[np.float64]
 
@@ -78,6 +79,7 @@ class Scan:
         return self.loaded.falloff
 
     @said_in_python()
+    @own_arithmetic()
     def calibrated(self, constants: str | Path | None = None) -> Transient:
         """The transient that methods see, counts (T, H, W): time 0 at the wall, direct light removed.
 
@@ -107,6 +109,7 @@ class Scan:
 
 
 @said_in_python()
+@own_arithmetic()
 def load(
     path: str | Path,
     frame: int | None = None,
