@@ -66,7 +66,7 @@ def test_every_drawing_is_in_our_own_style() -> None:
     for path in (*(rooms / "recon").rglob("*.py"), *(rooms / "src" / "nlos" / "report").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if " Figure(" in text or "savefig(" in text:
-            assert "@own_style()" in text, path
+            assert "own_style()" in text, path
 
 
 def test_a_backend_that_the_program_chose_stays() -> None:
