@@ -117,5 +117,22 @@ def read_array(dataset: h5py.Dataset, dimensions: int) -> npt.NDArray[np.generic
     stored = int(dataset.id.get_storage_size())
     if size > LARGE_BYTES and size > MAX_RATIO * max(stored, 1):
         raise InvalidData(f"{place}: states {size} bytes but stores {stored}; not a measurement")
-    array: npt.NDArray[np.generic] = dataset[()]
+    try:
+        array: npt.NDArray[np.generic] = dataset[()]
+    except OSError as error:
+        if not (absent := _absent_filters(dataset)):
+            raise
+        raise InvalidData(
+            f"{place}: is packed by {absent}, a filter that HDF5 here does not have. Where it has, such as where the "
+            f"file was made: `h5repack -f GZIP=4 {dataset.file.filename} NEW.h5`, or save it again with gzip."
+        ) from error
     return array
+
+
+def _absent_filters(dataset: h5py.Dataset) -> str:
+    """The filters that a dataset went through and this HDF5 lacks, by their names or numbers; empty where none is."""
+    how = dataset.id.get_create_plist()
+    filters = [how.get_filter(place) for place in range(how.get_nfilters())]
+    return ", ".join(
+        name.decode(errors="replace") or f"{n}" for n, _, _, name in filters if not h5py.h5z.filter_avail(n)
+    )

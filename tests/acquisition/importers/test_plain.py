@@ -69,6 +69,21 @@ def test_a_dataset_that_holds_no_value_is_told_as_such(tmp_path: Path, beside: d
         read_plain(path)
 
 
+def test_a_filter_that_is_absent_here_is_named(tmp_path: Path) -> None:
+    """Blosc's number in place of gzip's, which lies eight bytes before the filter's name."""
+    path = tmp_path / "packed.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("histograms", data=np.ones((4, 4, 64)), compression="gzip")
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"] = 32e-12, 1.0
+    data = bytearray(path.read_bytes())
+    at = data.index(b"deflate\0") - 8
+    assert data[at : at + 2] == b"\x01\0"
+    data[at : at + 2] = (32001).to_bytes(2, "little")
+    path.write_bytes(data)
+    with pytest.raises(InvalidData, match=r"histograms: is packed by deflate, a filter .*h5repack -f GZIP=4 .*packed"):
+        read_plain(path)
+
+
 def test_links_out_of_the_file_are_not_followed(tmp_path: Path) -> None:
     inner = write(tmp_path / "inner.h5", np.ones((2, 2, 5), np.uint8))
     with h5py.File(tmp_path / "outer.h5", "w") as file:
