@@ -22,6 +22,7 @@ from nlos.recon.results import read_reconstruction
 from nlos.runs.index import RunsIndex
 from nlos.runs.page import write_page
 from nlos.status_page import body
+from tests.command import nlos
 from tests.nlos.test_status_page import growing
 
 NAME = os.fsdecode(b"caf\xe9")
@@ -103,3 +104,10 @@ def test_weights_in_such_a_file_make_pictures() -> None:
     """They were a bug of ours."""
     chosen = parse_settings("nano", {"weights": "m\udcff.safetensors"})
     assert json.loads(in_words(chosen))["weights"] == "m\udcff.safetensors"
+
+
+def test_a_word_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    """A terminal of another encoding than the program's: an umlaut in the C locale, say."""
+    done = nlos(tmp_path, "runs", "--folder", ".", NAME)
+    assert done.returncode == 2
+    assert done.stderr == f"nlos: {NAME!r}: is not UTF-8 text; set the terminal's encoding to UTF-8\n"

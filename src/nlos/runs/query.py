@@ -14,9 +14,11 @@ FIELDS = {"sample", "operator", "note", "bench", "status", "path"}
 def condition(words: Sequence[str]) -> tuple[str, list[str]]:
     """SQL and its values: every word must fit. A word is part of anything that is known of a run, upper or lower case;
     `FIELD:WORD` of one field, `tag:WORD` a whole tag, `since:DAY` and `until:DAY` (2026-03 or 2026-03-01) of its start.
-    Raises `UsageError` for a field that does not exist."""
+    Raises `UsageError` for a field that does not exist, and for what is no text."""
     clauses, values = ["1"], list[str]()
     for word in words:
+        if word != word.encode("utf-8", "replace").decode("utf-8"):
+            raise UsageError(f"{word!r}: is not UTF-8 text; set the terminal's encoding to UTF-8")
         field, colon, rest = word.partition(":")
         if not colon or not field.isalpha():
             clauses.append(r"(words LIKE ? ESCAPE '\' OR local_time(started) LIKE ? ESCAPE '\')")
