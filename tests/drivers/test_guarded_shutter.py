@@ -11,7 +11,7 @@ import pytest
 
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.closing import Closing
-from nlos.drivers.errors import BenchClosed, DeviceFault, SafetyTrip, ShutterHeld
+from nlos.drivers.errors import BenchClosed, DeviceFault, DeviceTimeout, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.galvo.mirror import GalvoMirror
@@ -244,6 +244,27 @@ def test_a_contact_that_says_open_at_the_end_is_believed_whatever_was_confirmed_
         closing.close()
     assert "THE LASER SHUTTER IS NOT CONFIRMED CLOSED" in caplog.text
     assert mirror.told == ["close"]
+
+
+@pytest.mark.parametrize(("late", "parked"), [(1, True), (3, True), (9, False)])
+def test_a_shutter_that_closes_at_a_later_try_is_closed_and_the_beam_parks_in_the_dark(late: int, parked: bool) -> None:
+    table, mirror, closing = Table(), Head(), Closing(EventLog(), VirtualClock())
+    closing.mirror, closing.shutter = cast(GalvoMirror, mirror), guard(table)
+    closing.shutter.open()
+    tries = 0
+
+    def close() -> None:
+        nonlocal tries
+        tries += 1
+        if tries <= late:
+            raise DeviceTimeout("shutter", "no answer.", "")
+
+    table.close = close  # type: ignore[method-assign]
+    with pytest.raises(DeviceTimeout):
+        closing.close()
+    assert closing.shutter.confirmed_closed == parked
+    assert mirror.told == (["park", "close"] if parked else ["close"])
+    assert tries == min(late + 1, 5)
 
 
 def test_an_opening_that_fails_is_taken_back() -> None:
