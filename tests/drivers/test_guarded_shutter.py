@@ -11,7 +11,7 @@ import pytest
 
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.closing import Closing
-from nlos.drivers.errors import BenchClosed, DeviceFault, DeviceTimeout, SafetyTrip, ShutterHeld
+from nlos.drivers.errors import BenchClosed, DeviceFault, DeviceLost, DeviceTimeout, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.galvo.mirror import GalvoMirror
@@ -265,6 +265,36 @@ def test_a_shutter_that_closes_at_a_later_try_is_closed_and_the_beam_parks_in_th
     assert closing.shutter.confirmed_closed == parked
     assert mirror.told == (["park", "close"] if parked else ["close"])
     assert tries == min(late + 1, 5)
+
+
+@pytest.mark.parametrize(("back_after", "dark"), [(1, True), (5, True), (6, False)])
+def test_a_cable_that_is_gone_is_looked_for_a_few_times_and_nothing_moves_where_it_stays_away(
+    back_after: int, dark: bool
+) -> None:
+    table, mirror, clock = Table(), Head(), VirtualClock()
+    table.on_counter = False  # so no instrument's watchdog is waited for
+    closing = Closing(EventLog(), clock)
+    closing.mirror, closing.shutter = cast(GalvoMirror, mirror), guard(table)
+    closing.shutter.open()
+    openings = 0
+
+    def gone() -> None:
+        raise DeviceLost("shutter", "its cable is gone.", "")
+
+    def opened_anew() -> None:
+        nonlocal openings
+        openings += 1
+        assert mirror.told == ["close"], "its port has no other name while it is held"
+        if openings < back_after:
+            gone()
+
+    table.close, closing.make_dark = gone, opened_anew  # type: ignore[method-assign]
+    with pytest.raises(DeviceLost):
+        closing.close()
+    assert openings == min(back_after, 5)
+    assert clock.now() == pytest.approx(openings - 1)
+    assert ("park" in mirror.told) == dark
+    assert mirror.told[-1] == "close"
 
 
 def test_an_opening_that_fails_is_taken_back() -> None:
