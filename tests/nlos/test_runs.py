@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import pytest
@@ -160,6 +161,27 @@ def test_the_index_follows_the_files(tmp_path: Path) -> None:
     with RunsIndex(data) as index:
         index.update()
         assert index.search() == before
+
+
+@pytest.mark.parametrize(
+    ("inode", "mtime_ns"),
+    [(2**64 - 3, 0), (5, -11_644_473_600 * 10**9), (5, 13_569_465_600 * 10**9)],
+    ids=["a network mount", "1601", "2400"],
+)
+def test_files_of_any_number_and_time_are_listed_and_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inode: int, mtime_ns: int
+) -> None:
+    recording(tmp_path / "a.h5", NOTES)
+
+    def stat_of_a_mount(folder: Path) -> list[tuple[str, object]]:
+        found = (tmp_path / "a.h5").stat()
+        return [("a.h5", SimpleNamespace(st_size=found.st_size, st_mtime_ns=mtime_ns, st_ino=inode))]
+
+    monkeypatch.setattr("nlos.runs.index._recordings", stat_of_a_mount)
+    with RunsIndex(tmp_path) as index:
+        assert index.update().read == 1
+        assert [each.path for each in index.search()] == ["a.h5"]
+        assert index.update().read == 0
 
 
 def test_a_search_loads_nothing_that_only_reading_needs(tmp_path: Path) -> None:

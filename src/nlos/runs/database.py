@@ -3,6 +3,7 @@
 SQLite's pages have none, so each row has one; what is kept once, without an index beside it, cannot contradict itself.
 """
 
+import os
 import re
 import sqlite3
 import zlib
@@ -79,6 +80,16 @@ def stored_path(folder: Path, path: str) -> Path:
     if literal.exists():  # a backslash of the name's own
         return literal
     return folder / re.sub(r"\\u(dc[89a-f][0-9a-f])", lambda found: chr(int(found[1], 16)), path)
+
+
+def stamp_of(found: os.stat_result) -> tuple[int, int, int]:
+    """Size, time of the last change and number of a file, as whole numbers of 64 bits with a sign, which SQLite has:
+    some network mounts number files up to 2**64, and a wrong clock sets times before 1678 or after 2262."""
+    return _signed(found.st_size), _signed(found.st_mtime_ns), _signed(found.st_ino)
+
+
+def _signed(number: int) -> int:
+    return (number + 2**63) % 2**64 - 2**63
 
 
 def stamps(base: sqlite3.Connection) -> dict[str, Stamp]:

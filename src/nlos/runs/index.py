@@ -28,6 +28,7 @@ from nlos.runs.database import (
     keep,
     made,
     opened,
+    stamp_of,
     stamps,
     storable,
     stored_path,
@@ -118,7 +119,7 @@ class RunsIndex:
     def _update(self) -> Changes:
         known = stamps(self._base)
         named = {storable(path): (path, stat) for path, stat in _recordings(self.folder)}
-        there = {path: (stat.st_size, stat.st_mtime_ns, stat.st_ino) for path, (_, stat) in named.items()}
+        there = {path: stamp_of(stat) for path, (_, stat) in named.items()}
         gone = known.keys() - there.keys()
         fresh = sorted(path for path, stamp in there.items() if known.get(path) != stamp)
         if gone or fresh:
