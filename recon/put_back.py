@@ -15,13 +15,16 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 _log = logging.getLogger(__name__)
 _lock = threading.RLock()
 _inside = 0
+_end_process = os._exit
+_process = 0
+"""Whose threads are inside: what they fork ends as it likes."""
 _Setting = tuple[str, Callable[[], Any], Callable[[Any], object]]
 """In words, what it is, and how it is set."""
 _Kept = tuple[str, Any, Callable[[], Any], Callable[[Any], object]]
@@ -32,16 +35,18 @@ _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP
 
 @contextmanager
 def put_back(whose: str) -> Iterator[None]:
-    """Puts back what was changed within the block, and says whose doing that was. Where several threads are within such
+    """Puts back what was changed within the block, and says whose doing that was; `os._exit`, which would end the
+    program with its bench open and nothing said, raises `RuntimeError` there. Where several threads are within such
     blocks, the last one that leaves puts back what was before the first one came; what signals do, which the main
     thread alone can set, that one puts back as it leaves."""
-    global _inside
+    global _inside, _process
     with contextlib.suppress(ImportError):
         importlib.import_module("torch")  # before it is loaded there is nothing of it to put back
     handlers = _as_they_are(_handlers())
     with _lock:
         if _inside == 0:
             _before[:] = _as_they_are(_shared())
+            _process, os._exit = os.getpid(), _refuse_to_end
         _inside += 1
     try:
         with _of_this_thread():
@@ -51,9 +56,18 @@ def put_back(whose: str) -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0:
+                os._exit = _end_process
                 changed += _returned(_before)
         if changed:
             _say_changed(whose, ", ".join(changed))
+
+
+def _refuse_to_end(status: int) -> NoReturn:
+    """In place of `os._exit`, for whoever is neither this program itself nor a process that was forked."""
+    caller = str(sys._getframe(1).f_globals.get("__name__", ""))
+    if os.getpid() != _process or caller.startswith("nlos.") or caller == "__main__":
+        _end_process(status)
+    raise RuntimeError(f"os._exit({status}) would have ended the whole program")
 
 
 @cache

@@ -1,6 +1,7 @@
 """A method of one's own is a file, or a package's entry point; what is wrong with it is said with its file and line."""
 
 import json
+import os
 import re
 import sys
 import types
@@ -120,6 +121,12 @@ WRONG = {
         8,
         ":25: SystemExit",
     ),
+    "ends the program on the spot": (TEXT + "\nimport os\nos._exit(0)\n", 2, r"mine\.py:34: RuntimeError: os\._exit"),
+    "ends the program on a scan": (
+        TEXT.replace("brightest = counts", "import os; os._exit(3); brightest = counts"),
+        8,
+        r":25: RuntimeError: os\._exit\(3\) would have ended the whole program",
+    ),
     "raises what is no Exception": (
         TEXT.replace("brightest = counts", "raise type('Odd', (BaseException,), {})('odd'); brightest = counts"),
         8,
@@ -214,6 +221,16 @@ def test_a_signal_that_falls_into_it_ends_the_program(tmp_path: Path) -> None:
     module.__file__ = str(tmp_path / "mine.py")
     with pytest.raises(SystemExit), with_its_line("mine.py", cast(Method, module)):
         exec("raise SystemExit(143)", {"__name__": "nlos.cli.interrupts"})  # where the handler is
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing is forked")
+def test_what_it_forks_ends_as_it_likes_and_so_does_the_program_afterwards(scan: Transient, tmp_path: Path) -> None:
+    end = os._exit
+    forks = "child = os.fork(); child or os._exit(7); assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7"
+    text = TEXT.replace("brightest = counts", f"import os; {forks}; brightest = counts")
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    assert reconstruct(scan, str(tmp_path / "mine.py")).albedo[1, 5] == 9
+    assert os._exit is end
 
 
 def test_what_lies_beside_it_cannot_end_the_command_either(scan: Transient, tmp_path: Path) -> None:
