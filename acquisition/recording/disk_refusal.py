@@ -14,6 +14,11 @@ _REFUSALS = {
     for name in ("EIO", "EREMOTEIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "ETIMEDOUT", "ENODEV", "ENXIO", "EACCES",
                  "EPERM", "EMFILE", "ENFILE", *(errno.errorcode[number] for number in NO_LOCKS))
 } - {None}  # fmt: skip
+GONE = {
+    getattr(errno, name, None)
+    for name in ("EIO", "EREMOTEIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "ETIMEDOUT", "ENODEV", "ENXIO", "EROFS")
+} - {None}
+"""What a disk says, or its network share, that has failed as a whole, or was pulled out."""
 _NO_FOLDER = {errno.ENOSPC, errno.EROFS, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _MOST_BEHIND = 20
 _MAKE_ROOM = "Free disk space, or choose another place with -o."

@@ -1,6 +1,7 @@
 """Writes a scan file (layout in `recording.py`) such that nothing that happens afterwards can take a sample away."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -9,6 +10,7 @@ import numpy as np
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.disk_refusal import GONE
 from nlos.acquisition.recording.empty_file import clear, lay_out, put_in_place
 from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
 from nlos.acquisition.recording.open_file import open_scan_file
@@ -43,7 +45,7 @@ class RecordingWriter:
             raise
         self.plan = self._file.plan
         self._next_s = float(self.plan.dwell_s.max(initial=0.0))  # how long the next sample may keep this one waiting
-        self.acknowledged = acknowledged
+        self.acknowledged = self._on_disk = acknowledged
         self._watched = WatchedFile(path, self._file)
         events, _ = self._file.events.read(0, EVENT_ROWS)
         self._events = int(np.count_nonzero(events["kind"]))
@@ -187,7 +189,7 @@ class RecordingWriter:
         self._file.records.write(first, self._block[: self._filled])
         if self._clock.now() - self._synced_s >= SYNC_S:
             os.fsync(self._file.handle.fileno())
-            self._synced_s = self._clock.now()
+            self._synced_s, self._on_disk = self._clock.now(), first
         self._watched.check(first, self._block[: self._filled])
         self._set_status(Status.RUNNING, end)
         self.acknowledged, self._filled = end, 0
@@ -199,12 +201,16 @@ class RecordingWriter:
         return self._block[: self._filled], self._block_counts[: self._filled]
 
     def _refused(self, error: Exception) -> StorageError:
+        safe, more = self.acknowledged, ""
+        if getattr(error, "errno", None) in GONE:  # with what the system had not yet handed on to it
+            safe, more = self._on_disk, f"Perhaps {self.acknowledged - self._on_disk} more are. "
         return StorageError(
-            f"{self.path}: the disk refused a write ({error}). {self.acknowledged} samples are safe in it. "
+            f"{self.path}: the disk refused a write ({error}). {safe} samples are safe in it. {more}"
             "Free disk space, or move the file to a sound disk, then resume with --resume."
         )
 
     def _let_go(self) -> None:
-        self._file.handle.close()
+        with suppress(OSError):  # what a disk does not take, the write or the sync before has said
+            self._file.handle.close()
         if self._lock:
             self._lock.release()

@@ -85,8 +85,9 @@ class WriterLock:
         fd, self._fd = self._fd, None
         if fd is not None:
             try:
-                if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
-                    with suppress(OSError):  # in a folder where nothing may be deleted it stays: nobody holds it
+                # In a folder where nothing may be deleted it stays, as on a disk that is gone: nobody holds it.
+                with suppress(OSError):
+                    if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
                         self._path.unlink()
             finally:
                 os.close(fd)

@@ -68,6 +68,44 @@ def test_the_disk_is_told_to_keep_it_every_five_seconds_and_at_the_end(
     assert len(synced) == 5
 
 
+@pytest.mark.parametrize(("number", "said"), [(errno.EIO, r"4 samples are safe in it\. Perhaps 3 more are\. Free"),
+                                              (errno.ENOSPC, r"7 samples are safe in it\. Free")])  # fmt: skip
+def test_of_a_disk_that_is_gone_only_what_was_synced_is_called_safe(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, number: int, said: str
+) -> None:
+    """What was written since goes with a stick that is pulled out, or with a computer at the other end."""
+    plan, clock = small_plan(), VirtualClock()
+    writer = RecordingWriter.create(run_path, plan, Header().stamped(), clock=clock)
+    for taken in range(7):  # synced with the fifth
+        clock.sleep(1.0)
+        writer.write(sample(plan, taken))
+    with monkeypatch.context() as gone:
+        gone.setattr(type(writer._file.counts), "write", refusing(number))
+        clock.sleep(1.0)
+        with pytest.raises(StorageError, match=said):
+            writer.write(sample(plan, 7))
+    with pytest.raises(StorageError, match=said):
+        writer.finish(Status.FAILED)
+
+
+def test_what_the_lock_meets_on_a_disk_that_is_gone_does_not_hide_what_is_safe(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = RecordingWriter.create(run_path, small_plan(), Header().stamped())
+    writer.write(sample(writer.plan, 0))
+    monkeypatch.setattr("nlos.acquisition.recording.writer_lock._is_named", refusing(errno.EIO))
+    with pytest.raises(StorageError, match="0 samples are safe in it"):
+        writer.finish(Status.COMPLETE)
+    assert writer._file.handle.closed
+
+
+def refusing(number: int) -> Callable[..., Any]:
+    def refuses(*words: object) -> Any:
+        raise OSError(number, os.strerror(number))
+
+    return refuses
+
+
 def test_rows_that_are_not_there_when_they_are_read_back_are_not_acknowledged(
     run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
