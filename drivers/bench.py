@@ -60,9 +60,9 @@ class Bench:
         self.while_waiting()
 
     def check_open(self) -> None:
-        """Raises `BenchClosed`: a scan outlives the `with` block of its bench."""
+        """Raises `BenchClosed`: a scan outlives the `with` block of its bench, or comes after it."""
         if self.closed:
-            raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot continue.")
+            raise BenchClosed("bench", f"{self.settings.name} was closed: the `with` block that opened it is over.")
 
     def announce(self, numbers: Sequence[int], places: Sequence[MirrorAngles] = ()) -> None:
         """Tells a simulated bench which points of a plan are armed next: their photons follow from their numbers, which

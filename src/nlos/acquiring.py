@@ -92,11 +92,13 @@ def scan(
 
 
 def _check_free(bench: Bench) -> None:
-    """Raises `TypeError` for what is no open bench, and `DeviceBusy` where a scan of it is under way."""
+    """Raises `TypeError` for what is no open bench, `BenchClosed` for one that was, and `DeviceBusy` where a scan of it
+    is under way."""
     if not isinstance(bench, Bench):
         raise TypeError(
             f"{bench!r} is no open bench. Open it: with nlos.open_bench(...) as bench: nlos.scan(..., bench)"
         )
+    bench.check_open()
     if bench.scanning.locked():
         raise _busy(bench)
 

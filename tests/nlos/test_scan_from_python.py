@@ -9,7 +9,7 @@ import nlos
 from nlos.__main__ import run
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.drivers.errors import DeviceBusy, SafetyTrip
+from nlos.drivers.errors import BenchClosed, DeviceBusy, SafetyTrip
 from nlos.drivers.state_folder import STATE
 from nlos.drivers.trip_latch import TripLatch
 
@@ -98,6 +98,13 @@ def test_a_second_scan_of_a_bench_leaves_the_first_alone() -> None:
         left.close()
         assert not bench.shutter.may_be_open
         assert len(list(nlos.scan(SCAN, bench))) == len(alone)
+
+
+def test_a_scan_of_a_bench_that_was_closed_looks_for_no_cable() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        pass
+    with pytest.raises(BenchClosed, match=r"was closed: the `with` block .* is over\. Open the bench again"):
+        nlos.scan(SCAN, bench)
 
 
 def test_what_is_no_open_bench_is_told_how_one_is_opened() -> None:
