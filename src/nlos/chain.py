@@ -5,9 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy.typing as npt
+from typing import TYPE_CHECKING
 
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.unchanged import unchanged
@@ -16,6 +14,7 @@ from nlos.calibration.correct import CorrectedPoints, KnownDirect, Report, corre
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import from_transient
 from nlos.cli.escaped import escaped
+from nlos.direct_cut import cut_direct, tell_of_tail, without_first
 from nlos.direct_times import DirectTimes
 from nlos.light_left_out import tell_of_light_left_out
 from nlos.loaded import LoadedScan, load_scan, refuse_full
@@ -117,6 +116,7 @@ def _calibrated(
             )  # fmt: skip
         if scan.rectified:
             tell_if_not_rectified(scan, points, done, tell)
+            tell_of_tail(points.counts.T, scan.direct_cut_bins or 0, points.time.bin_width_s, tell)
         elif arrivals is None:
             hear(done)
             _tell_calibration(done, tell)
@@ -125,8 +125,11 @@ def _calibrated(
         )
         return gridded, _own(done) if arrivals is None else arrivals.response
     if scan.rectified and scan.direct_cut_bins is not None:
-        return cut_direct(transient, scan.direct_cut_bins), None
+        kept = cut_direct(transient, scan.direct_cut_bins)
+        tell_of_tail(kept.counts, scan.direct_cut_bins, kept.time.bin_width_s, tell)
+        return kept, None
     if scan.rectified:
+        tell_of_tail(transient.counts, 0, transient.time.bin_width_s, tell)
         done_so = correct(transient, rectified=True)
         tell_if_not_rectified(scan, from_transient(transient), done_so.points, tell)
         return done_so.transient, None
@@ -219,18 +222,6 @@ def _tell_arrivals(report: Report, tell: Tell) -> None:
             report["offset_rms_ps"],
             IF_RECTIFIED,
         )
-
-
-def cut_direct(transient: "Transient", bins: int) -> "Transient":
-    """The same transient with its first `bins` set to zero."""
-    return replace(transient, counts=without_first(transient.counts, bins))
-
-
-def without_first(counts: npt.NDArray[Any], bins: int) -> npt.NDArray[Any]:
-    """A copy of counts (T, ...) with the first `bins` set to zero."""
-    cut = counts.copy()
-    cut[:bins] = 0
-    return cut
 
 
 def reconstruct_scan(
