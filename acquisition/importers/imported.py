@@ -22,6 +22,12 @@ ALL_NAN = "points hold NaN alone"
 NO_WALL = "the wall's size is not stored"
 """How a note begins that says what was assumed of it."""
 
+SUBTRACTED = (
+    " Was background subtracted? Store what was counted. Where that is lost, add one number to all histograms, so that "
+    "none is below 0: that counts as ambient light. 0 in place of what is negative leaves half of the noise."
+)
+"""What to do about a count below 0."""
+
 DOUBT = "in doubt:"
 """How a note begins that is a warning."""
 
@@ -132,7 +138,7 @@ class ImportedScan:
             if bad.any():
                 place = _place(held, np.argwhere(bad)[0].tolist())
                 value = held.counts[tuple(np.argwhere(bad)[0])]
-                told = " Was background subtracted? Store what was counted." if what == "negative" else ""
+                told = SUBTRACTED if what == "negative" else ""
                 raise InvalidData(
                     f"{name}: histograms: {place} is {what} ({value:g}).{told} Fix that point, or give it exposure 0."
                 )

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.importers.given import Given
+from nlos.acquisition.importers.imported import SUBTRACTED
 from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, about_their_middle, grid_around
 from nlos.calibration.raw_points import RawPoints
@@ -193,7 +194,7 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
         place = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InvalidData(
             f"histograms{list(place)} is {counts[place]:g}: {what} ({int(bad.sum())} of {bad.size} values). "
-            + ("Was background subtracted? Give what was counted. " if what == "negative" else "")
+            + (SUBTRACTED.replace("Store", "Give").lstrip() + " " if what == "negative" else "")
             + "Set a point that was not measured to 0 and say so by exposure=... (0 there)."
         )
 

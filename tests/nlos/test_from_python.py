@@ -73,7 +73,7 @@ def test_free_positions_show_the_object_where_it_is() -> None:
         ({"histograms": np.zeros((4, 4))}, r"shape \(4, 4\).*\[H, W, T\].*points=\(x_m, y_m\)"),
         ({"histograms": np.zeros((64, 8, 8))}, "is time the first axis.*axes='TYX'"),
         ({"histograms": np.full((4, 5, 6), np.nan)}, r"histograms\[0, 0, 0\] is nan: not a finite.*120 of 120"),
-        ({"histograms": np.full((4, 5, 6), -1)}, r"histograms\[0, 0, 0\] is -1: negative"),
+        ({"histograms": np.full((4, 5, 6), -1)}, r"histograms\[0, 0, 0\] is -1: negative.*add one number"),
         ({"histograms": np.full((4, 5, 6), 1e30)}, r"histograms\[0, 0, 0\] is 1e\+30: more than anybody counts"),
         ({"histograms": np.full((4, 5, 6), 1j)}, "complex.*real numbers"),
         ({"histograms": np.zeros((4, 0, 6))}, "nothing in them"),
