@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from nlos.acquisition.response import measured
+from nlos.acquisition.response import gaussian, measured
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.export_mesh import write_glb, write_obj
@@ -24,7 +24,7 @@ from nlos.recon.results import read_reconstruction, write_reconstruction, write_
 from nlos.recon.slices_picture import slices_picture
 from nlos.recon.small_print import small_print
 from nlos.recon.view3d import write_view3d
-from nlos.recon.volume import Reconstruction, Volume, response_words
+from nlos.recon.volume import Intervals, Reconstruction, Volume, response_words
 
 WALL = WallGrid(1.2, 0.8, 8, 12)
 PLY_VERTEX = [("xyz", "<f4", 3), ("normal", "<f4", 3), ("albedo", "<f4"), ("grey", "u1", 3)]
@@ -144,6 +144,17 @@ def test_a_file_that_is_no_reconstruction_is_refused(tmp_path: Path) -> None:
         file["histograms"] = np.zeros((2, 2, 2))
     with pytest.raises(InvalidData, match="is not a reconstruction"):
         read_reconstruction(tmp_path / "other.h5")
+
+
+def test_the_file_format_page_names_everything_in_a_reconstruction(made: Reconstruction, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/file-format.md").read_text("utf-8").partition("## reconstruction.h5")[2]
+    bounds = dict.fromkeys(("albedo_low", "albedo_high", "depth_low_m", "depth_high_m", "seen"), made.albedo)
+    told = replace(made, response=gaussian(70e-12, "a test"), intervals=Intervals(**bounds), frame=1)
+    write_reconstruction(tmp_path / "r.h5", told)
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert len(file) == 13
+        for word in (*file, *file.attrs, *(word for part in file.values() for word in part.attrs)):
+            assert f"`{word}`" in page, word
 
 
 def test_ply_holds_the_surface_in_metres(made: Reconstruction, tmp_path: Path) -> None:
