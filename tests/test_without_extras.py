@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,18 @@ def test_a_package_of_its_own_that_is_not_there_is_named(package: str, name: str
     done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
     assert f"pip install {name}" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_library_that_cannot_be_loaded_is_told(tmp_path: Path) -> None:
+    """Of another computer, on a file system without leave to execute, or in too little memory."""
+    (tmp_path / "usb").mkdir()
+    (tmp_path / "usb/__init__.py").write_text("import usb._compiled", encoding="utf-8")
+    (tmp_path / f"usb/_compiled{EXTENSION_SUFFIXES[0]}").touch()
+    run = f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from nlos.__main__ import run; sys.exit(run(['devices']))"
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert "nlos: an installed library cannot be loaded (" in done.stderr
     assert "Traceback" not in done.stderr
 
 

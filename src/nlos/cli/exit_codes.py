@@ -1,6 +1,7 @@
 """Every way in which a command can end, as the number it exits with."""
 
 import errno
+import re
 from enum import IntEnum
 
 
@@ -43,6 +44,8 @@ _OF_STORAGE = {
 } - {None}  # fmt: skip
 """What disks say, network shares that are gone or cannot do what local disks do, and a system that opens no more
 files."""
+_LIBRARY = re.compile(r"\.so\b|^dlopen|^DLL load failed")
+"""Of an `ImportError`: what Linux, macOS and Windows say of a compiled library."""
 
 
 class UsageError(ValueError):
@@ -103,7 +106,13 @@ def exit_code(error: BaseException) -> ExitCode:
 
 
 def missing_package(error: BaseException) -> str | None:
-    """What to install, where a command needs a package that is not there."""
+    """What to install, where a command needs a package that is not there; what to do about one that is there and cannot
+    be loaded."""
+    if type(error) is ImportError and _LIBRARY.search(error.msg):
+        return (
+            f"an installed library cannot be loaded ({error.msg}). Allow more memory (ulimit -v), install it where "
+            "programs may be run from, or install it again, for this computer and this Python."
+        )
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     package = error.name.partition(".")[0]
