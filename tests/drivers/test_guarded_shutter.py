@@ -267,6 +267,25 @@ def test_a_shutter_that_closes_at_a_later_try_is_closed_and_the_beam_parks_in_th
     assert tries == min(late + 1, 5)
 
 
+class Dead:
+    """An instrument whose every step fails in the same words."""
+
+    def park(self) -> None:
+        raise DeviceTimeout("link", "no answer.", "")
+
+    close = abort = park
+
+
+def test_devices_that_fail_every_step_in_the_same_words_are_told_once() -> None:
+    events, told = EventLog(), []
+    events.listener = lambda kind, text: told.append((kind, text))
+    closing = Closing(events, VirtualClock())
+    closing.mirror, closing.counter = cast(GalvoMirror, Dead()), cast(HistogramCounter, Dead())
+    with pytest.raises(DeviceTimeout):
+        closing.close()
+    assert [kind for kind, text in told if "no answer" in text] == ["device"]
+
+
 @pytest.mark.parametrize(("back_after", "dark"), [(1, True), (5, True), (6, False)])
 def test_a_cable_that_is_gone_is_looked_for_a_few_times_and_nothing_moves_where_it_stays_away(
     back_after: int, dark: bool
