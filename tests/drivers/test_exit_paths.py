@@ -89,11 +89,12 @@ def test_a_handler_that_was_there_before_is_called_after_the_light_is_shut_and_r
     happened: list[str] = []
     before = signal.signal(signal.SIGINT, lambda number, frame: happened.append("earlier handler"))
     try:
-        handler = signal.getsignal(signal.SIGINT)
+        handler, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
         with ExitPaths(lambda why: happened.append(f"light {why}"), lambda: happened.append("closed")):
             signal.raise_signal(signal.SIGINT)
             assert happened == ["light SIGINT", "earlier handler"]
         assert signal.getsignal(signal.SIGINT) is handler
+        assert sys.unraisablehook is hook
     finally:
         signal.signal(signal.SIGINT, before)
     assert happened[2:] == ["closed"]
@@ -240,10 +241,11 @@ def test_what_is_undisturbed_is_done_before_a_signal_ends_the_program_but_light_
     with (  # noqa: PT012
         pytest.raises(SystemExit),
         ExitPaths(happened.append, lambda: happened.append("closed")),
-        undisturbed(),
     ):
-        signal.raise_signal(signal.SIGTERM)
-        happened.append("saved")
+        with undisturbed():
+            signal.raise_signal(signal.SIGTERM)
+            happened.append("saved")
+        pytest.fail("it goes on, in the dark")
     assert happened == ["SIGTERM", "saved", "closed"]
 
 
