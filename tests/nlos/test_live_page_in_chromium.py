@@ -1,6 +1,8 @@
 """What a person sees on the live page: the system's Chromium, driven by Playwright, on a scan and on a finished one."""
 
 import base64
+import dataclasses
+import json
 import re
 import shutil
 import signal
@@ -343,10 +345,12 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
 class Bench:
     """A scan that is written word by word and sample by sample, for a viewer to follow."""
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, shutter: str = "tcspc488") -> None:
         with Recording.open(folder / "run.h5") as recording:
             self._samples = list(recording.samples())
-            self._writer = RecordingWriter.create(folder / name, recording.plan, recording.header)
+            bench = {**json.loads(recording.header.bench_json), "shutter": {"model": shutter}}
+            header = dataclasses.replace(recording.header, bench_json=json.dumps(bench))
+            self._writer = RecordingWriter.create(folder / name, recording.plan, header)
         self._taken = 0
 
     def says(self, kind: str, text: str) -> None:
@@ -427,6 +431,51 @@ def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
         page.close()
 
 
+def test_a_bench_without_a_shutter_is_loud_for_as_long_as_its_scan_lasts(folder: Path, browser: Any) -> None:
+    with viewed(folder, "bare.h5", "--method", "lct", ends=None) as url:
+        page, _ = opened(browser, url)
+        bench = Bench(folder, "bare.h5", shutter="none")
+        bench.takes(16)
+        shows(page, "laser", r"^NO SHUTTER: TREAT THE LASER AS ON \(simulated bench\)$")
+        playwright.expect(page.locator("#laser")).to_have_class("lit")
+        bench.says("scan", f"paused by {BY_HAND}")
+        shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. This bench has no shutter: the laser is as it was.")
+        shows(page, "banner", "resumes the scan.$")
+        bench.says("scan", "interrupted")
+        bench.ends(Status.INTERRUPTED)
+        shows(page, "laser", r"^laser: not switched by this bench \(simulated bench\)$")
+        page.close()
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from tests.nlos.test_live_page_in_chromium import Bench
+bench = Bench(Path(sys.argv[1]), sys.argv[2])
+for word in sys.argv[3:]:
+    bench.says("shutter", word)
+bench.takes(64)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_of_scans_that_were_killed_the_one_that_may_have_left_its_light_on_is_loud(folder: Path, browser: Any) -> None:
+    """Whichever is looked at: nobody commands a shutter any more."""
+    for words in (["dark.h5", "opened", "closed"], ["lit.h5", "opened"]):
+        subprocess.run([sys.executable, "-c", KILLED, folder, *words], cwd=Path(__file__).parents[2], check=False)
+    with viewed(folder, "dark.h5", "lit.h5", "--method", "lct", ends=None) as url:
+        page, _ = opened(browser, url)
+        shows(page, "status", "^dark.h5: The scan was killed$")
+        shows(page, "laser", r"^lit.h5: LASER MAY BE ON \(simulated bench\)$")
+        shows(page, "banner", "^The scan was killed; the laser was off ?dark.h5: .*run `nlos shutter close`.* 64")
+        assert page.evaluate(TAPE) == "banner"
+        page.wait_for_selector("body[data-picture]")
+        page.locator(".panel canvas").nth(1).click()
+        shows(page, "banner", "^The scan was killed: the laser may be on ?lit.h5: .*run `nlos shutter close`")
+        assert page.evaluate(TAPE) == "banner with tape"
+        page.close()
+
+
 def test_a_scan_whose_picture_was_good_enough_ended_as_asked(folder: Path, browser: Any) -> None:
     with viewed(folder, "enough.h5", "--method", "lct", ends=None) as url:
         page, _ = opened(browser, url)
@@ -442,7 +491,8 @@ def test_a_scan_whose_picture_was_good_enough_ended_as_asked(folder: Path, brows
         shows(page, "laser", r"^laser off since the scan's end \(simulated bench\)$")
         shows(page, "rateof", "^count rate at the end$")
         assert page.locator("#banner").get_attribute("class") == "good"
-        page.close()
+    shows(page, "laser", r"^laser off when last seen \(simulated bench\)$")  # the viewer is gone
+    page.close()
 
 
 def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_be_on(
