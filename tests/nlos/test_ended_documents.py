@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.cli.terminal import Terminal
 from tests.command import nlos
 
@@ -51,6 +52,29 @@ def test_a_document_says_that_a_signal_ended_its_command(tmp_path: Path, verb: s
     words_of = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
     assert "long.h5" in error["message"] if verb == "scan" else error["message"] == words_of[number]
     assert "Traceback" not in said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize(("step", "status"), [("write", "interrupted"), ("finish", "complete")])
+def test_a_document_says_what_a_signal_left_of_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, status: str
+) -> None:
+    """One that comes while a complete recording is finished changes nothing of it."""
+    carry_out = getattr(RecordingWriter, step)
+
+    def carry_out_and_be_told(writer: RecordingWriter, what: object) -> None:
+        carry_out(writer, what)
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(RecordingWriter, step, carry_out_and_be_told)
+    done = nlos(tmp_path, "scan", "five_by_five", "-o", "run.h5", "--json")
+    document = json.loads(done.stdout)
+    assert (done.returncode, document["error"]["exit_code"]) == (143, 143), done.stderr
+    assert (document["recording"], document["status"]) == ("run.h5", status)
+    assert ("--resume" in document["error"]["message"]) == (status == "interrupted")
+    monkeypatch.undo()
+    again = json.loads(nlos(tmp_path, "scan", "five_by_five", "-o", "run.h5", "--json", "--resume", check=True).stdout)
+    assert (again["taken"] == 0) == (status == "complete")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
