@@ -15,7 +15,7 @@ import pytest
 
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.exit_paths import ExitPaths, undisturbed
+from nlos.drivers.exit_paths import ExitPaths, close_benches, undisturbed
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 
@@ -247,6 +247,15 @@ def test_what_is_undisturbed_is_done_before_a_signal_ends_the_program_but_light_
             happened.append("saved")
         pytest.fail("it goes on, in the dark")
     assert happened == ["SIGTERM", "saved", "closed"]
+
+
+def test_a_bench_is_closed_once_whoever_closes_it() -> None:
+    happened: list[str] = []
+    with ExitPaths(happened.append, lambda: happened.append("closed")) as paths:
+        close_benches()
+        paths.close_once()
+        assert happened == ["closed"]
+    assert happened == ["closed"]
 
 
 READING = """

@@ -4,6 +4,7 @@ Read back by h5py, which knows nothing of them."""
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -353,6 +354,23 @@ def test_a_signal_while_the_file_is_finished_leaves_no_film_uncut(
         recover(run, run := tmp_path / "saved.h5")
     found = verify(run)
     assert (found.complete, found.complete_frames) == (True, plan_in(run).frames - (len(plan_in(run)) % EACH > 0))
+
+
+def test_a_film_that_is_stopped_in_its_first_frame_is_not_called_full(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = RecordingWriter.write
+
+    def write_and_interrupt(writer: RecordingWriter, sample: Sample) -> None:
+        write(writer, sample)
+        if sample.point.number == 20:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(RecordingWriter, "write", write_and_interrupt)
+    done = command(tmp_path, "scan", film.name, "--bench", "moving", "-o", "run.h5")
+    assert done.returncode == 130, done.stderr
+    assert re.match(r"run\.h5: \d+ of 5760 points in [\d.]+ s of bench time \([\d.]+ s predicted\)\n", done.stdout)
+    assert "--resume" in done.stderr
 
 
 def test_ctrl_c_while_a_film_is_opened_to_go_on_ends_it_as_any_other(
