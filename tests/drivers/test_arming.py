@@ -1,5 +1,6 @@
 """Before the first light: the terminal's place, somebody's word, the warning time."""
 
+import getpass
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,36 @@ def test_light_waits_for_a_word_where_the_bench_file_wants_one(monkeypatch: pyte
             bench.shutter.open()
             bench.shutter.close()
     assert len(asked) == 2  # once more after the no, then never again
+
+
+def test_who_armed_a_bench_and_from_where_is_written_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    here = remote_terminal() or "at the bench"
+    for afar in ({}, FROM_AFAR):
+        for name, value in afar.items():
+            monkeypatch.setenv(name, value)
+        with open_bench(armed(remote=True)) as bench:
+            bench.on_event = lambda kind, text: told.append(text)
+            bench.shutter.open()
+            bench.shutter.close()
+            bench.shutter.open()
+    there = remote_terminal()
+    assert there is not None
+    assert "10.0.0.7" in there
+    who = getpass.getuser()
+    assert [each for each in told if "armed" in each] == [f"armed by {who}, {here}", f"armed by {who}, {there}"]
+
+
+def test_light_that_a_signal_has_shut_already_is_not_announced() -> None:
+    told: list[str] = []
+    with open_bench(armed(delay_s=5.0, remote=True)) as bench:
+        bench.on_event = lambda kind, text: told.append(text)
+        bench.shutter.hold("SIGINT")
+        bench.shutter.arm()
+        assert not [each for each in told if each.startswith("light in")]
+        bench.shutter.release()
+        bench.shutter.arm()
+        assert told[-1] == "light in 5 s"
 
 
 def test_a_dry_run_asks_nobody_and_announces_no_light(monkeypatch: pytest.MonkeyPatch) -> None:
