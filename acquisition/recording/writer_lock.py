@@ -81,16 +81,17 @@ class WriterLock:
         return False
 
     def release(self) -> None:
-        """May be called twice."""
+        """May be called twice. In a folder where nothing may be deleted the lock's file stays, as on a disk that is
+        gone: nobody holds it."""
         fd, self._fd = self._fd, None
         if fd is not None:
             try:
-                # In a folder where nothing may be deleted it stays, as on a disk that is gone: nobody holds it.
                 with suppress(OSError):
                     if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
                         self._path.unlink()
             finally:
-                os.close(fd)
+                with suppress(OSError):  # what network shares say whose other end is gone; it is closed all the same
+                    os.close(fd)
 
 
 def behind_link(path: Path) -> Path:
