@@ -35,6 +35,24 @@ def test_a_folder_that_takes_no_files_is_refused_before_anything_is_read(
     assert "Choose another place with -o" in done.stderr
 
 
+@needs_proc
+@pytest.mark.parametrize(("words", "computes"), [
+    ("evaluate --data scene.h5 --methods lct -o /proc/nlos", "nlos.recon.evaluate.evaluate"),
+    ("report run.h5 -o /proc/it.html", "nlos.report.page.load_scan"),
+    ("calibrate run.h5 -o /proc/c.h5", "nlos.cli.calibrate.measure_constants"),
+])  # fmt: skip
+def test_so_is_one_of_verbs_that_compute_for_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, computes: str
+) -> None:
+    nlos(tmp_path, "scan", "five_by_five", "--bench", "zero_latency", "-o", "run.h5", check=True)
+    (tmp_path / "scene.h5").touch()
+    monkeypatch.setattr(computes, never)
+    done = nlos(tmp_path, *words.split())
+    assert done.returncode == 6, done.stderr
+    assert "nothing can be written to /proc (" in done.stderr
+    assert "Choose another place with -o" in done.stderr
+
+
 def test_a_file_where_a_folder_is_meant_is_refused_before_anything_is_read(
     scan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

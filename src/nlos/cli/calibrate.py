@@ -30,6 +30,7 @@ from nlos.cli.spots import place_scanner
 from nlos.cli.targets import refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.report.calibration_pictures import folder_of_pictures, pictures_of, refuse_to_replace
+from nlos.writable import check_writable
 
 
 def calibrate(
@@ -150,6 +151,7 @@ def _from_runs(
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
     _refuse_to_replace(target, runs, overwrite)
+    check_writable(target.parent)
     points = sum(len(one.raw.counts) for one in loaded)
     terminal.log(f"fitting the direct light of {points} points")
     with Stages("calibrate", "nlos.calibration"):

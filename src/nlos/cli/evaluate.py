@@ -14,6 +14,7 @@ from nlos.recon import evaluate as evaluation
 from nlos.recon.device import check_device
 from nlos.recon.methods import usable
 from nlos.response import response_wanted, with_response
+from nlos.writable import check_writable
 
 MOST_NAMED = 3
 
@@ -42,6 +43,7 @@ def evaluate(
     for path in scenes:
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file or folder")
+    check_writable(output)
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")

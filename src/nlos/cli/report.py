@@ -11,6 +11,7 @@ from nlos.cli.targets import page_target, refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.live.process import methods_for
 from nlos.report.page import write_report
+from nlos.writable import check_writable
 
 
 def report(
@@ -34,5 +35,6 @@ def report(
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]
     if not all(words) or len(set(words)) < len(words):
         raise UsageError(f"--methods {methods}: different method names, separated by commas")
+    check_writable(target.absolute().parent)
     write_report(runs, target, words, new=not overwrite)
     terminal.result(f"{target}: {target.stat().st_size / 1e6:.1f} MB, self-contained", report=str(target))
