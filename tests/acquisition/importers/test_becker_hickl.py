@@ -113,8 +113,9 @@ def test_truncated_files_are_refused(tmp_path: Path, keep: int) -> None:
 
 @pytest.mark.parametrize("missing", [4, 512])
 def test_a_curve_that_is_cut_short_is_none_with_fewer_bins(tmp_path: Path, missing: int) -> None:
-    """Curves are taken as long as they are: nothing but the block's own length says that there were more."""
+    """Curves are taken as long as they are: nothing but the block's own length says that there were more. sdtfile from
+    2026.10 on sees it first."""
     path = write_sdt(tmp_path / "curves.sdt", [COUNTS[0, n].astype(np.uint32) for n in range(2)], DECAY, FIFO)
     path.write_bytes(path.read_bytes()[:-missing])
-    with pytest.raises(InvalidData, match=rf"block 1: states 1024 bytes and holds {1024 - missing}"):
+    with pytest.raises(InvalidData, match=rf"states 1024 bytes and holds {1024 - missing}|or one that is cut off"):
         read_any(path)
