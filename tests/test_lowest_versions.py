@@ -31,7 +31,10 @@ def test_files_are_read_by_every_h5py(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("package", "lowest", "for_its"),
-    [("typer", (0, 19), "words of a Literal"), ("pydantic", (2, 10), "get_default(validated_data=...)")],
+    [
+        ("typer", (0, 26), "help of arguments, which it lost before"),
+        ("pydantic", (2, 10), "get_default(validated_data=...)"),
+    ],
 )
 def test_a_package_is_as_new_as_what_is_used_of_it(package: str, lowest: tuple[int, ...], for_its: str) -> None:
     needed = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
