@@ -216,3 +216,11 @@ def test_a_trip_whose_clearing_cannot_be_written_down_stands_and_it_is_said_what
             latch.clear("Ada")
     assert "clear the trip again" in str(said.value)
     assert latch.standing() == "1e6 counts/s"
+
+
+def test_a_real_bench_is_never_said_to_be_dark_by_a_simulated_one(nlos: Nlos) -> None:
+    """A valid file of real instruments, which are not plugged in here."""
+    done = nlos("shutter", "close", "--bench", "lab")
+    assert done.returncode == 3, done.stderr
+    assert "the laser shutter is NOT CONFIRMED CLOSED" in done.stderr
+    assert "closed" not in done.stdout
