@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-SAME = 1e-4  # of the maximum, by which planes of one cell may differ
+SAME = 5e-3  # of the maximum, by which planes of one cell may differ: the first or last may hold a little of the next
 MOST_FADED = 3  # planes that a maximum is put back by
 STANDING = 0.5  # of the maximum: what is brighter, and hangs together with it, is one surface
 Floats = npt.NDArray[np.float64]

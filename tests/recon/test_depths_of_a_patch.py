@@ -52,6 +52,20 @@ def test_a_patch_near_the_wall_where_a_cell_of_the_cone_is_four_bins_deep_is_whe
     assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(0.25, abs=12e-3)
 
 
+def test_a_plane_that_holds_a_trace_of_the_next_cell_belongs_to_its_own() -> None:
+    """0.2 % of it: the first of two planes of the highest cell was said, 13 mm nearer."""
+    wall, time = WallGrid(64 / 31, 64 / 31, 32, 32), TimeAxis(256, 49.19e-12)
+    across_m = (np.arange(25) - 12) * 0.0125
+    x_m, y_m = (each.ravel() for each in np.meshgrid(across_m, across_m))
+    counts = np.zeros((time.bins, wall.rows, wall.cols))
+    for row, col in np.ndindex(wall.rows, wall.cols):
+        r_m = np.sqrt((wall.x_m()[col] - x_m) ** 2 + (wall.y_m()[row] - y_m) ** 2 + 0.5**2)
+        at = (2 * r_m / SPEED_OF_LIGHT_M_PER_S / time.bin_width_s).astype(int)
+        counts[:, row, col] = np.bincount(at, r_m**-4.0, time.bins)
+    made = reconstruct(Transient(counts * (200 / counts.max()), np.ones((32, 32)), wall, time), "lct", explain=False)
+    assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(0.5, abs=5e-3)
+
+
 @pytest.mark.parametrize("peak", [None, 20])
 @pytest.mark.parametrize("fwhm_ps", [100, 200, 500])
 @pytest.mark.parametrize("depth_m", [0.4, 0.7, 1.0, 1.4])
