@@ -1,5 +1,6 @@
 """What happens to the light and the devices, told to whoever writes it down."""
 
+import threading
 from collections import deque
 from collections.abc import Callable
 
@@ -14,6 +15,8 @@ class EventLog:
         self._waiting: deque[tuple[str, str]] = deque()
         self._listener: OnEvent | None = None
         self.deferred = False
+        self.cannot_wait: Callable[[], bool] = lambda: False
+        """Whether who reports has no time for a listener that hangs: then another thread tells it."""
 
     @property
     def listener(self) -> OnEvent | None:
@@ -28,10 +31,18 @@ class EventLog:
     def report(self, kind: str, text: str) -> None:
         """Something happened: told at once, or when events are delivered again."""
         self._waiting.append((kind, text))
-        if not self.deferred:
+        if self.deferred:
+            return
+        if self.cannot_wait():
+            threading.Thread(target=self.deliver, name="what happened to the light", daemon=True).start()
+        else:
             self.deliver()
 
     def deliver(self) -> None:
         """Hands over what waits, in order, if somebody listens."""
         while self._waiting and self._listener is not None:
-            self._listener(*self._waiting.popleft())
+            try:
+                kind, text = self._waiting.popleft()
+            except IndexError:  # another thread has it
+                return
+            self._listener(kind, text)

@@ -56,6 +56,7 @@ class GuardedShutter:
         """From now on light is shut off in this one's silence, where no instrument's watchdog does so."""
         if silence is not None and self._there and self._settings.watchdog_s > 0 and self._watchdog is None:
             self._silence, silence.shut = silence, self._left_alone
+            self._events.cannot_wait = lambda: silence.is_speaking
 
     @property
     def on_counter(self) -> bool:

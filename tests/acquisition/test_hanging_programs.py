@@ -21,6 +21,7 @@ from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.clock import Clock, VirtualClock
 from nlos.drivers.errors import DeviceError, SafetyTrip
 from nlos.drivers.partial_bench import open_partial_bench
+from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.serial.port import plugged
 from tests.acquisition.fault_cases import plan, settings
@@ -150,6 +151,29 @@ def test_light_goes_off_while_the_disk_of_a_wire_log_hangs_within_an_exchange(
     with pytest.raises(DeviceError), open_bench(chosen, wire_log=log) as bench:
         list(scan(plan("multiharp" if name == "S3" else "stepped"), bench))
     assert dark
+    assert light(tmp_path)[-1] == "shutter closed"
+
+
+@pytest.mark.usefixtures("watched")
+@pytest.mark.parametrize("name", TTL)
+def test_light_is_shut_again_and_again_although_whoever_is_told_hangs_as_well(tmp_path: Path, name: str) -> None:
+    """The port does not take the first commands to close, and events go to the disk that hangs."""
+
+    def tell(kind: str, text: str) -> None:
+        if threading.get_ident() != thread:
+            told.append(text)
+            hang(tmp_path, VirtualClock())
+
+    told: list[str] = []
+    thread = threading.get_ident()
+    chosen = load("bench", str(files(tmp_path, name)), BenchSettings).settings
+    with open_bench(chosen) as bench:
+        bench.on_event = tell
+        bench.shutter.open()
+        assert bench.simulated is not None
+        bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=2))
+        hang(tmp_path, bench.clock)
+    assert "NOT CONFIRMED CLOSED" in told[0]
     assert light(tmp_path)[-1] == "shutter closed"
 
 
