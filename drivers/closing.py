@@ -65,6 +65,8 @@ class Closing:
         tried again. The first is raised at the end, or noted on the exception that is already on its way."""
         failures: list[Exception] = []
         with ExitStack() as later:  # runs what it holds from last to first, come what may
+            if self.shutter is not None:
+                later.callback(self.shutter.no_longer_watched)
             later.callback(self._events.deliver)
             if self.counter is not None:
                 later.callback(self._done, failures, self.counter.close)

@@ -168,8 +168,6 @@ class GuardedShutter:
     def close_for_good(self, why: str = "") -> None:
         """`close`, and whatever another thread is about to: it opens no more. The bench is being closed."""
         self._for_good = True
-        if self._silence is not None:
-            self._silence.end()
         if self._opening.acquire(timeout=_OPENING_S):
             self._opening.release()
         self.close(why)
@@ -230,6 +228,11 @@ class GuardedShutter:
         """Within a thread of its own: the program hangs somewhere."""
         if self._silence is not None:
             self.close(self._silence.broken_off)
+
+    def no_longer_watched(self) -> None:
+        """Everything was done to shut the light: who hangs from now on hangs in the dark, or nothing here helps."""
+        if self._silence is not None:
+            self._silence.end()
 
     def state(self) -> ShutterState:
         """What the guarded shutter's contact says."""

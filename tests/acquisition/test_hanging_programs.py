@@ -17,6 +17,7 @@ from nlos.acquisition.scanning.engine import scan
 from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.stops import Stops
 from nlos.configs.load import load
+from nlos.drivers import closing
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.clock import Clock, VirtualClock
 from nlos.drivers.errors import DeviceError, SafetyTrip
@@ -174,6 +175,20 @@ def test_light_is_shut_again_and_again_although_whoever_is_told_hangs_as_well(tm
         bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=2))
         hang(tmp_path, bench.clock)
     assert "NOT CONFIRMED CLOSED" in told[0]
+    assert light(tmp_path)[-1] == "shutter closed"
+
+
+@pytest.mark.usefixtures("watched")
+def test_light_goes_off_while_it_hangs_to_say_that_the_light_is_not_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is logged goes to the disk that hangs; the port does not take the first commands to close."""
+    monkeypatch.setattr(closing._log, "critical", lambda *what: hang(tmp_path, bench.clock))
+    chosen = load("bench", str(files(tmp_path, "S1, TTL shutter")), BenchSettings).settings
+    with pytest.raises(DeviceError), open_bench(chosen) as bench:  # noqa: PT012
+        bench.shutter.open()
+        assert bench.simulated is not None
+        bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=2))
     assert light(tmp_path)[-1] == "shutter closed"
 
 
