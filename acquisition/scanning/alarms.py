@@ -287,6 +287,9 @@ class Alarms:
     def _disk(self) -> Trouble | None:
         if self._folder is None or not self._settings.min_free_mb:
             return None
-        free_mb = self._free(self._folder) / 1e6
+        try:
+            free_mb = self._free(self._folder) / 1e6
+        except OSError:  # whether the disk still takes a sample says the next one that is written
+            return None
         deviation = self._settings.min_free_mb / max(free_mb, 1e-3)
         return self._look("disk", deviation, f"{free_mb:.0f} MB are left on the disk of {self._folder}")

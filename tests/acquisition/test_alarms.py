@@ -1,5 +1,7 @@
 """Alarms notice what no device reports, do what the scan file says, and keep nothing that was taken under them."""
 
+import errno
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -111,6 +113,15 @@ def test_the_disk_is_looked_at_with_every_block() -> None:
     assert [trouble is not None for trouble in troubles] == [False] * BLOCK + [True]
     assert alarms(iter([99.9])).judge(sample_at(100)) is not None
     assert alarms(iter([100.0])).judge(sample_at(100)) is None
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ETIMEDOUT, errno.ESTALE, errno.ENOENT, errno.EACCES])
+def test_a_disk_that_does_not_say_how_much_room_it_has_ends_no_scan(number: int) -> None:
+    def free(folder: Path) -> int:
+        raise OSError(number, os.strerror(number), str(folder))
+
+    watch = Alarms(AlarmSettings(), REPETITION_HZ, Path("run"), free)
+    assert watch.judge(sample_at(100)) is None
 
 
 def test_wrong_direct_light_is_said_once() -> None:
