@@ -139,7 +139,7 @@ def open_bench(
             clock = simulated.clock
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
-        silence = Silence(clock, settings.safety.watchdog_s) if settings.shutter_on == "mirror" else None
+        silence = None if settings.shutter_on == "nothing" else Silence(clock, settings.safety.watchdog_s)
         log = heard_by(silence, wire_log)
         closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))

@@ -66,7 +66,7 @@ def open_partial_bench(
             plugged = stack.enter_context(plug_in(settings, clock=RealTimeClock()))
             simulated, counter_end, mirror_end = plugged.bench, plugged.counter, plugged.mirror
             clock = simulated.clock
-        silence = Silence(clock, settings.safety.watchdog_s) if settings.shutter_on == "mirror" else None
+        silence = None if settings.shutter_on == "nothing" else Silence(clock, settings.safety.watchdog_s)
         log = heard_by(silence, wire_log)
         closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))

@@ -25,6 +25,7 @@ from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.serial.port import plugged
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 from tests.acquisition.fault_cases import plan, settings
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 
@@ -176,6 +177,20 @@ def test_light_is_shut_again_and_again_although_whoever_is_told_hangs_as_well(tm
         hang(tmp_path, bench.clock)
     assert "NOT CONFIRMED CLOSED" in told[0]
     assert light(tmp_path)[-1] == "shutter closed"
+
+
+@pytest.mark.usefixtures("watched")
+def test_light_goes_off_that_a_counter_without_a_watchdog_drives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As that of another package may be."""
+    monkeypatch.setattr(Tcspc488, "has_watchdog", False)
+    chosen = load("bench", str(files(tmp_path, "S2")), BenchSettings).settings
+    with open_bench(chosen) as bench:
+        bench.shutter.open()
+        hang(tmp_path, bench.clock)
+        with pytest.raises(SafetyTrip, match="nothing was heard"):
+            bench.shutter.heard()
 
 
 @pytest.mark.usefixtures("watched")
