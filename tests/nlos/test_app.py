@@ -66,6 +66,11 @@ def test_what_was_not_installed_is_named_with_the_extra_that_brings_it(capsys: p
     assert exit_code(ModuleNotFoundError("No module named 'nlos.ghost'", name="nlos.ghost")) == 1
 
 
+def test_an_import_error_that_says_nothing_is_told_as_any_other() -> None:
+    """As a plug-in raises it by its bare name."""
+    assert report(ImportError()) == 1
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [

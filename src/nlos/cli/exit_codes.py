@@ -108,7 +108,7 @@ def exit_code(error: BaseException) -> ExitCode:
 def missing_package(error: BaseException) -> str | None:
     """What to install, where a command needs a package that is not there; what to do about one that is there and cannot
     be loaded."""
-    if type(error) is ImportError and _LIBRARY.search(error.msg):
+    if type(error) is ImportError and _LIBRARY.search(error.msg or ""):
         return (
             f"an installed library cannot be loaded ({error.msg}). Allow more memory (ulimit -v), install it where "
             "programs may be run from, or install it again, for this computer and this Python."
