@@ -9,7 +9,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
-from nlos.acquisition.importers.magic import is_hdf5, magic_of
+from nlos.acquisition.importers.magic import begins_with, is_hdf5, magic_of
 from nlos.acquisition.importers.mat_file import by_matlab
 from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
@@ -30,6 +30,9 @@ _PACKED = {
     b"7z\xbc\xaf": "7-Zip", b"Rar!": "RAR",
 }  # fmt: skip
 
+_OCTAVE = (b"Octave-1", b"# Created by Octave ")
+"""What `save -binary` and plain `save` begin a file with."""
+
 
 def reader_of(path: Path) -> Reader:
     """The importer for a file. Raises `InvalidData` where none knows its contents."""
@@ -44,7 +47,7 @@ def reader_of(path: Path) -> Reader:
         return read_picoquant
     if is_sdt(path):
         return read_sdt
-    if magic in (b"Octave-1", b"# Create"):  # `save -binary`; plain `save`, "# Created by Octave"
+    if any(begins_with(path, head) for head in _OCTAVE):
         raise InvalidData(f"{path}: {of_octave()}")
     packed = next((name for head, name in _PACKED.items() if magic.startswith(head)), None)
     if (suffix == ".mat" and packed is None) or magic == b"MATLAB 5":

@@ -45,6 +45,12 @@ def magic_of(path: Path) -> bytes:
         return file.read(8)
 
 
+def begins_with(path: Path, head: bytes) -> bool:
+    """Whether these are the file's first bytes."""
+    with read_bytes(path) as file:
+        return file.read(len(head)) == head
+
+
 @contextmanager
 def read_bytes(path: Path) -> Iterator[BinaryIO]:
     """The file, opened for its bytes. Raises `StorageError` where the disk does not give them."""

@@ -175,6 +175,12 @@ def test_octaves_own_formats_are_refused_with_what_to_save(tmp_path: Path, kind:
         read_any(path)
 
 
+def test_text_that_another_program_created_is_not_called_octaves(tmp_path: Path) -> None:
+    (tmp_path / "scan.txt").write_text("# Created by LabVIEW 2023\n1 2 3\n", encoding="ascii")
+    with pytest.raises(InvalidData, match="in no format that is read here"):
+        read_any(tmp_path / "scan.txt")
+
+
 @pytest.mark.parametrize(("position", "value"), [(184, 0), (185, 1), (184, 14)])
 def test_numbers_of_no_type_are_refused(tmp_path: Path, position: int, value: int) -> None:
     """SciPy 1.17 ends the process on the first two."""
