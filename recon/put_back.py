@@ -25,6 +25,8 @@ _inside = 0
 _end_process = os._exit
 _process = 0
 """Whose threads are inside: what they fork ends as it likes."""
+_elsewhere = set[int]()
+"""Threads that were there before, and are not inside: a watchdog that finds a method hanging ends the program."""
 _Setting = tuple[str, Callable[[], Any], Callable[[Any], object]]
 """In words, what it is, and how it is set."""
 _Kept = tuple[str, Any, Callable[[], Any], Callable[[Any], object]]
@@ -39,14 +41,16 @@ def put_back(whose: str) -> Iterator[None]:
     program with its bench open and nothing said, raises `RuntimeError` there. Where several threads are within such
     blocks, the last one that leaves puts back what was before the first one came; what signals do, which the main
     thread alone can set, that one puts back as it leaves."""
-    global _inside, _process
+    global _inside, _process, _end_process
     with contextlib.suppress(ImportError):
         importlib.import_module("torch")  # before it is loaded there is nothing of it to put back
     handlers = _as_they_are(_handlers())
     with _lock:
         if _inside == 0:
             _before[:] = _as_they_are(_shared())
-            _process, os._exit = os.getpid(), _refuse_to_end
+            _elsewhere.update(sys._current_frames())
+            _process, _end_process, os._exit = os.getpid(), os._exit, _refuse_to_end
+        _elsewhere.discard(threading.get_ident())
         _inside += 1
     try:
         with _of_this_thread():
@@ -57,15 +61,23 @@ def put_back(whose: str) -> Iterator[None]:
             _inside -= 1
             if _inside == 0:
                 os._exit = _end_process
+                _elsewhere.clear()
                 changed += _returned(_before)
         if changed:
             _say_changed(whose, ", ".join(changed))
 
 
 def _refuse_to_end(status: int) -> NoReturn:
-    """In place of `os._exit`, for whoever is neither this program itself nor a process that was forked."""
+    """In place of `os._exit`, for whoever is neither this program itself, nor a thread of it that is busy elsewhere,
+    nor a process that was forked. Who imported it under this name within a block keeps it."""
     caller = str(sys._getframe(1).f_globals.get("__name__", ""))
-    if os.getpid() != _process or caller.startswith("nlos.") or caller == "__main__":
+    if (
+        not _inside
+        or os.getpid() != _process
+        or threading.get_ident() in _elsewhere
+        or caller.startswith("nlos.")
+        or caller == "__main__"
+    ):
         _end_process(status)
     raise RuntimeError(f"os._exit({status}) would have ended the whole program")
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -231,6 +232,30 @@ def test_what_it_forks_ends_as_it_likes_and_so_does_the_program_afterwards(scan:
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     assert reconstruct(scan, str(tmp_path / "mine.py")).albedo[1, 5] == 9
     assert os._exit is end
+
+
+def test_who_imported_the_end_within_it_can_end_the_program_afterwards(tmp_path: Path) -> None:
+    (tmp_path / "ends.py").write_text("from os import _exit\n\n\ndef end():\n    _exit(42)\n", encoding="utf-8")
+    code = "from nlos.recon.put_back import put_back\nwith put_back('mine'):\n    import ends\nends.end()\n"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (42, "")
+
+
+def test_a_watchdog_that_finds_it_hanging_ends_the_program(tmp_path: Path) -> None:
+    (tmp_path / "watchdog.py").write_text(
+        "import os\n\n\ndef bark(event):\n    event.wait()\n    os._exit(42)\n", encoding="utf-8"
+    )
+    code = (
+        "import threading, time, watchdog\n"
+        "from nlos.recon.put_back import put_back\n"
+        "hangs = threading.Event()\n"
+        "threading.Thread(target=watchdog.bark, args=[hangs], daemon=True).start()\n"
+        "with put_back('mine'):\n"
+        "    hangs.set()\n"
+        "    time.sleep(20)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (42, "")
 
 
 def test_what_lies_beside_it_cannot_end_the_command_either(scan: Transient, tmp_path: Path) -> None:
