@@ -203,7 +203,8 @@ class RecordingWriter:
     def _refused(self, error: Exception) -> StorageError:
         safe, more = self.acknowledged, ""
         if getattr(error, "errno", None) in GONE:  # with what the system had not yet handed on to it
-            safe, more = self._on_disk, f"Perhaps {self.acknowledged - self._on_disk} more are. "
+            safe = self._on_disk
+            more = f"Perhaps {self.acknowledged - safe} more are. " if safe < self.acknowledged else ""
         return StorageError(
             f"{self.path}: the disk refused a write ({error}). {safe} samples are safe in it. {more}"
             "Free disk space, or move the file to a sound disk, then resume with --resume."

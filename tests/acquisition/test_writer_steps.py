@@ -97,7 +97,7 @@ def test_what_the_lock_meets_on_a_disk_that_is_gone_does_not_hide_what_is_safe(
     monkeypatch.setattr("nlos.acquisition.recording.writer_lock._is_named", refusing(errno.EIO))
     with monkeypatch.context() as share:
         share.setattr(os, "close", lambda number: (close(number), refusing(errno.EIO)()))
-        with pytest.raises(StorageError, match="0 samples are safe in it"):
+        with pytest.raises(StorageError, match=r" 0 samples are safe in it\. Free"):
             writer.finish(Status.COMPLETE)
     assert writer._file.handle.closed
 
