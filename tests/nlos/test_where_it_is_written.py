@@ -83,6 +83,18 @@ def test_a_link_to_nothing_is_not_replaced(scan: Path, words: str) -> None:
     assert link.is_symlink()
 
 
+@pytest.mark.parametrize("words", [
+    "plan five_by_five --picture link.png", "report run.h5 -o link.html", "runs --page link.html",
+    "figure made -o link.png", "new bench -o link.yaml", "doctor --thorough -o link.html",
+    "calibrate --first-light --light -o link.yaml",
+])  # fmt: skip
+def test_nor_is_one_in_the_place_of_a_page_or_a_picture_and_that_is_said_first(tmp_path: Path, words: str) -> None:
+    link = tmp_path / words.split()[-1]
+    link.symlink_to("gone")
+    done = nlos(tmp_path, *words.split())
+    assert (done.returncode, f"{link.name}: exists. Choose another" in done.stderr) == (6, True), done.stderr
+
+
 def test_a_scan_refuses_a_link_to_nothing_before_any_device_is_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

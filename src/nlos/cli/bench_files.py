@@ -1,5 +1,6 @@
 """Bench files that a command writes: what it measured put into the one that was read."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ def check_bench_output(output: Path | None, overwrite: bool, what: str) -> None:
         return
     if output.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"-o {output}: {what} a bench file, .yaml")
-    if output.exists() and not overwrite:
+    if os.path.lexists(output) and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
 
 

@@ -1,5 +1,6 @@
 """`nlos doctor`: examines software, disk and bench, one line each; thoroughly on the first day and after new cables."""
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -61,7 +62,7 @@ def doctor(
     if thorough:
         name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
         target = page_target(output or Path(f"doctor-{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"))
-        if target.exists() and not overwrite:
+        if os.path.lexists(target) and not overwrite:
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     opened_it = False
 

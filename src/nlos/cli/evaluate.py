@@ -1,5 +1,6 @@
 """`nlos evaluate`: methods on scenes with ground truth."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -45,7 +46,7 @@ def evaluate(
             raise FileNotFoundError(f"{path}: no such file or folder")
     check_writable(output)
     for name in NAMES:
-        if (output / name).exists() and not overwrite:
+        if os.path.lexists(output / name) and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
     check_device(device)
     wanted = response_wanted(response)

@@ -1,5 +1,6 @@
 """`nlos figure`: results side by side on one scale, at a journal's width."""
 
+import os
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,7 +38,7 @@ def figure(
 
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
-    if output.exists() and not overwrite:
+    if os.path.lexists(output) and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     made = [read_reconstruction(_file_of(place)) for place in results]
     names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]

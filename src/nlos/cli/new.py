@@ -1,5 +1,6 @@
 """`nlos new bench`: asks, looks at what is plugged in, writes a commented bench file and ends with the doctor."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -42,7 +43,7 @@ def new(
     defaults are taken, and what has none has to be given with --answer."""
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
-    if output.exists() and not overwrite:
+    if os.path.lexists(output) and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     given = dict(_split(each) for each in answer or [])
     if simulated and "port" in given:

@@ -1,5 +1,6 @@
 """`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
 
+import os
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -73,7 +74,7 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would, a trip that stands and the disk, too; duration with its parts, disk, photons
     to expect. Moves nothing: a real bench is not even opened, its simulated twin is asked."""
-    if picture is not None and picture_target(picture).exists() and not overwrite:
+    if picture is not None and os.path.lexists(picture_target(picture)) and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or use --overwrite.")
     if output is not None:
         recording_target(output)

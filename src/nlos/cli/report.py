@@ -1,5 +1,6 @@
 """`nlos report`: one self-contained HTML file about one recording or several, to mail to a colleague."""
 
+import os
 from os.path import realpath
 from pathlib import Path
 from typing import Annotated
@@ -28,7 +29,7 @@ def report(
         refuse_folder(run)
     target = runs[0].with_suffix(".html") if output is None else page_target(output)
     refuse_own_input(target, runs, "a recording that is reported on")
-    if target.exists() and not overwrite:
+    if os.path.lexists(target) and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     if len({realpath(run) for run in runs}) < len(runs):
         raise UsageError("the same RUN is named twice")

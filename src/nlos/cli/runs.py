@@ -1,5 +1,6 @@
 """`nlos runs`: finds scans again, by sample, operator, note, tag, day, or anything else that is known of them."""
 
+import os
 import textwrap
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +43,7 @@ def runs(
         raise FileNotFoundError(f"{where}: no such folder")
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
-    if page is not None and page_target(page).exists() and not overwrite:
+    if page is not None and os.path.lexists(page_target(page)) and not overwrite:
         raise FileExistsError(f"{page}: exists. Choose another name, or use --overwrite.")
     with RunsIndex(where) as index:
         changes = index.update(afresh=rebuild)
