@@ -21,16 +21,20 @@ def write_png(figure: "Figure", to: Path | BinaryIO, dots_per_inch: int) -> None
     canvas.print_png(to, metadata={"Software": "nlos"})
 
 
-def refuse_to_replace_another(path: Path) -> None:
-    """Raises `FileExistsError` where something other than a picture that `write_png` wrote is at `path`: such a one is
-    drawn anew each time, without being asked."""
-    if not os.path.lexists(path):
-        return
-    head = b""
-    if path.is_file():
-        with path.open("rb") as file:
-            head = file.read(4096)
-    if b"tEXtSoftware\0nlos" not in head:
+def is_own(path: Path) -> bool:
+    """Whether a picture that `write_png` wrote is at `path`."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b"tEXtSoftware\0nlos" in file.read(4096)
+
+
+def refuse_to_replace_another(path: Path, overwrite: bool = False) -> None:
+    """Raises `FileExistsError` where something other than a picture of this program's own is at `path`: such a one is
+    drawn anew each time, without being asked. A folder is not replaced by an `overwrite` either."""
+    if path.is_dir():
+        raise FileExistsError(f"{path}: is a folder, where a picture would go. Rename it.")
+    if os.path.lexists(path) and not overwrite and not is_own(path):
         raise FileExistsError(
             f"{path}: exists, and is none of this program's pictures, of which one would go there. Rename it, or use "
             "--overwrite."

@@ -99,6 +99,12 @@ def test_pictures_of_others_are_not_replaced_and_own_ones_are(
     assert (tmp_path / "c" / "background.png").read_bytes()[1:4] == b"PNG"
     target.unlink()
     assert called(capsys, folder / "plain.h5", "-o", target)[0] == 0
+    (tmp_path / "c" / "wall.png").unlink(missing_ok=True)
+    (tmp_path / "c" / "wall.png").mkdir()
+    before = target.read_bytes()
+    code, told = called(capsys, folder / "plain.h5", "-o", target, "--overwrite")
+    assert "c/wall.png: is a folder, where a picture would go" in told["error"]["message"]  # type: ignore[index]
+    assert (code, target.read_bytes() == before) == (6, True)
 
 
 def test_constants_that_the_disk_does_not_take_leave_no_pictures_either(

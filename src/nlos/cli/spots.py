@@ -41,8 +41,7 @@ def place_scanner(spots: Path, ruler_m: float, bench: str | None, output: Path |
     """Fits, says what was found and what these spots cannot tell, draws it, and writes the bench file to `output`."""
     check_bench_output(output, overwrite, "spots without a RUN write")
     picture = spots.with_suffix(".png")
-    if not overwrite:
-        refuse_to_replace_another(picture)
+    refuse_to_replace_another(picture, overwrite)
     table, measured = load_bench(bench), read_spots(spots, ruler_m)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
     _tell(found, measured)

@@ -33,12 +33,12 @@ def folder_of_pictures(constants: Path) -> Path:
 
 
 def refuse_to_replace(folder: Path, overwrite: bool) -> None:
-    """Raises `FileExistsError` where a file is at the folder's place, and where what is at the place of a picture is
-    none of this program's and not to be replaced."""
+    """Raises `FileExistsError` where a file is at the folder's place, and where what is at the place of a picture is a
+    folder, or none of this program's and not to be replaced."""
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file, where a folder of pictures would go. Choose another name with -o.")
-    for name in () if overwrite else NAMES:
-        refuse_to_replace_another(folder / f"{name}.png")
+    for name in NAMES:
+        refuse_to_replace_another(folder / f"{name}.png", overwrite)
 
 
 @contextmanager
