@@ -107,6 +107,17 @@ def test_pictures_of_others_are_not_replaced_and_own_ones_are(
     assert (code, target.read_bytes() == before) == (6, True)
 
 
+def test_no_picture_of_an_earlier_measurement_is_left_beside_constants(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(capsys, folder / "plain.h5", "-o", tmp_path / "c.h5")[0] == 0
+    drawn = sorted(path.name for path in (tmp_path / "c").iterdir())
+    (tmp_path / "c" / "spots.png").write_bytes((tmp_path / "c" / "background.png").read_bytes())
+    (tmp_path / "c" / "note.png").write_text("mine")
+    assert called(capsys, folder / "plain.h5", "-o", tmp_path / "c.h5", "--overwrite")[0] == 0
+    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == sorted([*drawn, "note.png"])
+
+
 def test_constants_that_the_disk_does_not_take_leave_no_pictures_either(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlos.calibration.alignment import align
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.recon.own_style import own_style
-from nlos.recon.png import refuse_to_replace_another, write_png
+from nlos.recon.png import is_own, refuse_to_replace_another, write_png
 from nlos.recon.whole_files import whole_files
 from nlos.report.spots_picture import draw_spots
 
@@ -44,7 +44,7 @@ def refuse_to_replace(folder: Path, overwrite: bool) -> None:
 @contextmanager
 def pictures_of(found: "Measurement", folder: Path, spots: "Spots | None" = None) -> Iterator[list[Path]]:
     """Draws what `found` holds. The pictures, whose paths it gives, take their places in `folder`, and those of earlier
-    ones of the same names, when the block ends, and none of them where that fails."""
+    ones, when the block ends, and none of them where that fails."""
     raw, corrected = found.raw, found.corrected
     if raw is None or corrected is None:
         yield []
@@ -60,7 +60,8 @@ def pictures_of(found: "Measurement", folder: Path, spots: "Spots | None" = None
         pictures.append(("dead_time", lambda axes: _draw_dead_time(axes, raw, found.constants)))
     if found.geometry is not None:
         pictures.append(("wall", lambda axes: _draw_wall(axes, found)))
-    with whole_files(folder) as fresh:
+    earlier = [f"{name}.png" for name in NAMES if is_own(folder / f"{name}.png")]
+    with whole_files(folder, earlier) as fresh:
         with own_style():
             for name, draw in pictures:
                 figure = Figure(figsize=(15, 4.5), layout="constrained")
