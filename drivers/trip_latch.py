@@ -124,7 +124,7 @@ def tripped(why: str, there: bool) -> SafetyTrip:
     return SafetyTrip(
         "shutter",
         f"{'stays closed' if there else 'no scan'} after a trip ({why}).",
-        "Find the cause, then run `nlos doctor --clear-trip YOUR-NAME`.",
+        "Find the cause, then run `nlos doctor --bench BENCH --clear-trip YOUR-NAME`.",
     )
 
 

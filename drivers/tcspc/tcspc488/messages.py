@@ -115,7 +115,9 @@ def safety_error(device: str, errors: Sequence[ScpiError], cause: str) -> Safety
     words = _TRIPS.get(codes[0], f"it reports a trip ({cause or 'no cause given'})")
     kind = SyncLost if codes[0] == 103 else SafetyTrip
     return kind(
-        device, f"{words}; the shutter is closed.", "Find out why, then run `nlos doctor --clear-trip YOUR-NAME`."
+        device,
+        f"{words}; the shutter is closed.",
+        "Find out why, then run `nlos doctor --bench BENCH --clear-trip YOUR-NAME`.",
     )
 
 

@@ -143,7 +143,7 @@ def _on_the_bench(bench: Bench, visit: Visit, condition: Condition) -> Generator
     """Returns whether light was agreed to."""
     if visit.clear_trip is not None:
         bench.shutter.clear_trip(visit.clear_trip)
-        yield passed("shutter", f"trip cleared in the name of {visit.clear_trip}")
+        yield passed("shutter", f"trip of {bench.settings.name} cleared in the name of {visit.clear_trip}")
     yield from run(bench, (*CHECKS, *(DARK if visit.thorough else ())), condition)
     light = not (condition.lost and visit.thorough) and visit.agreed(bench)
     if light:

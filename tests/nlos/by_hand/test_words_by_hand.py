@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from nlos.by_hand import opening, stops
 from nlos.by_hand.watching import DWELL_S
@@ -125,8 +126,12 @@ def test_too_many_photons_by_hand_shut_the_light_until_somebody_clears_the_trip(
     again = nlos(tmp_path, *words)
     assert again.returncode == 4
     assert "shutter: stays closed: after a trip (" in again.stderr
-    assert "run `nlos doctor --clear-trip YOUR-NAME`" in again.stderr
     assert len(account(tmp_path).lit) == len(seen.lit)
+    command = "doctor --bench BENCH --clear-trip YOUR-NAME"  # without --bench it would be the simulated one's trip
+    assert f"run `nlos {command}`" in again.stderr
+    cleared = nlos(tmp_path, *command.replace("BENCH", "bench.yaml").replace("YOUR-NAME", "Ada").split())
+    name = yaml.safe_load((tmp_path / "bench.yaml").read_text("utf-8"))["name"]
+    assert f"trip of {name} cleared in the name of Ada" in cleared.stdout
 
 
 def test_a_gate_in_which_light_came_and_went_is_none_of_the_dark(tmp_path: Path) -> None:
