@@ -89,6 +89,15 @@ def test_a_network_that_was_built_within_serves_outside(name: str) -> None:
     assert (_picture("unet").albedo == theirs.albedo).all()
 
 
+def test_what_is_kept_can_be_computed_with_outside_of_inference_mode() -> None:
+    with torch.inference_mode():
+        with own_arithmetic():
+            kept = torch.ones(3)
+        assert torch.is_inference_mode_enabled()
+    assert not kept.is_inference()
+    kept.requires_grad_()
+
+
 def test_a_scan_is_calibrated_where_numpy_raises(tmp_path: Path) -> None:
     with nlos.open_bench("simulated") as bench:
         list(nlos.scan("five_by_five", bench, output=tmp_path / "run.h5"))
