@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
+from nlos.drivers.device_settings import ADDRESS_KEYS
 from nlos.drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
 from nlos.drivers.galvo.known_mirrors import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror, MeasuresPosition, MirrorAngles
@@ -30,6 +31,12 @@ PATH = [MirrorAngles(0.1 * math.sin(0.7 * i), 0.1 * math.cos(0.4 * i)) for i in 
 MODELS = sorted(MIRRORS)
 READ_BACK_RAD = math.radians(0.6)
 """What a controller's own sensor is accurate to, optical."""
+
+
+def simulated_address(model: str) -> dict[str, str]:
+    """By the key of its cable, which for a mirror of another package may be a vendor's library, too."""
+    cable = MIRRORS[model].settings.cable
+    return {ADDRESS_KEYS[cable]: "sim://every" if cable == "serial" else "simulated"}
 
 
 @dataclass
@@ -84,8 +91,7 @@ def lab(
         serial = MIRRORS[request.param].settings.cable == "serial"
         if faults and not serial:
             pytest.skip("faults of a serial line; USB has tests of its own")
-        address = {"port": "sim://every"} if serial else {"usb": "simulated"}
-        settings = SETTINGS.validate_python({"model": request.param, **address})
+        settings = SETTINGS.validate_python({"model": request.param, **simulated_address(request.param)})
         unplug("every")
         table, stack = SimulatedTable(bench, SimulationSettings(serial_latency_ms=1.0), 10e6), ExitStack()
         backend = far_end(MIRRORS[request.param], settings, table, stack)
@@ -102,9 +108,8 @@ def lab(
 @pytest.mark.parametrize("model", MODELS)
 def test_angles_sent_stay_within_each_sides_limit(model: str, dark_bench: Callable[..., SimulatedBench]) -> None:
     bench = dark_bench()
-    serial = MIRRORS[model].settings.cable == "serial"
     allowed = {"left_deg": -3.0, "right_deg": 5.0, "bottom_deg": -2.0, "top_deg": 7.0}
-    block = {"model": model, **({"port": "sim://every"} if serial else {"usb": "simulated"}), "allowed_deg": allowed}
+    block = {"model": model, **simulated_address(model), "allowed_deg": allowed}
     settings = SETTINGS.validate_python(block)
     unplug("every")
     with ExitStack() as stack:
