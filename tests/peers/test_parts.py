@@ -16,6 +16,7 @@ PACKAGES = {
     "Swabian-TimeTagger": "Swabian.TimeTagger",
     "mitransient": "mitsuba",  # itself it asks for a variant of that first
     "qmi": "qmi",
+    "nidaqmx": "nidaqmx",
 }
 
 
