@@ -63,6 +63,10 @@ def test_it_is_scanned_with_asked_for_and_looked_for(tmp_path: Path) -> None:
     done = nlos(lab, "scan", "scan.yaml", "--bench", "bench.yaml", "-o", "run.h5")
     assert done.returncode == 0, done.stderr
     assert "no watchdog" in done.stderr
+    answers = ("--answer=mirror=ni_daqmx", "--answer=volts_per_degree=0.8")
+    done = nlos(lab, "new", "bench", "--simulated", "--no-check", *answers, "-o", "made.yaml")
+    assert done.returncode == 0, done.stderr
+    assert (lab / "made.yaml").read_text("utf-8").count("volts_per_degree: 0.8") == 2
     real = BENCH.partition("simulation:")[0].replace("library: simulated", "library: vendor")
     (lab / "real.yaml").write_text(real, "utf-8")
     (lab / "site" / "nidaqmx.py").write_text("raise ImportError('it is not here')", "utf-8")

@@ -70,7 +70,7 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         return Question("port", f"its serial port ({seen})", (*found.ports, "/dev/ttyACM0")[0], real=True)
 
     def volts(said: Answers) -> Question | None:
-        if "x" not in mirror_of(said).model_fields:
+        if "volts_per_degree" not in keys_of_axis(mirror_of(said)):
             return None
         text = "volts of the galvo driver per degree that a mirror turns (mechanical)"
         return Question("volts_per_degree", text, "0.5", number=(0.01, 10))
@@ -176,3 +176,9 @@ def has_channels(settings: type[CounterBlock]) -> bool:
     """Whether sync and detector name their inputs each in a block of its own, edges by sign."""
     field = settings.model_fields.get("sync")
     return "channel" in getattr(field and field.annotation, "model_fields", ())
+
+
+def keys_of_axis(settings: type[DeviceSettings]) -> tuple[str, ...]:
+    """What the block of one axis of a mirror takes; empty where it has none."""
+    field = settings.model_fields.get("x")
+    return tuple(getattr(field and field.annotation, "model_fields", ()))

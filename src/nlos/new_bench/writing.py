@@ -14,7 +14,7 @@ from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.attenuators import attenuator
-from nlos.new_bench.questions import has_channels
+from nlos.new_bench.questions import has_channels, keys_of_axis
 
 _COMMENT_AT, _WIDTH = 38, 120
 _HEAD = """\
@@ -27,8 +27,9 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
     """The file's content. Raises `KeyError` where a question was not answered."""
     mirror: dict[str, Any] = {"model": said["mirror"], **_address("mirror", said, simulated)}
     if "volts_per_degree" in said:
-        volts = float(said["volts_per_degree"])
-        mirror |= {axis: {"dac": dac, "volts_per_degree": volts} for dac, axis in enumerate("xy", start=1)}
+        volts, has_dac = float(said["volts_per_degree"]), "dac" in keys_of_axis(MIRRORS[said["mirror"]].settings)
+        for number, axis in enumerate("xy", start=1):
+            mirror[axis] = {**({"dac": number} if has_dac else {}), "volts_per_degree": volts}
     if "max_mechanical_deg" in said:
         mirror["max_mechanical_deg"] = float(said["max_mechanical_deg"])
     if "shutter_pin" in said:
