@@ -21,7 +21,7 @@ def own_arithmetic() -> Iterator[None]:
     """Within, or in the function that it decorates: NumPy makes no error of a number that becomes 0, and torch computes
     on the processor, in float32, where nothing else is asked for. What was set is set again afterwards."""
     with np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"), ExitStack() as stack:
-        if "torch" in sys.modules:  # who has not loaded it has set nothing
+        if sys.modules.get("torch") is not None:  # who has not loaded it has set nothing
             _own_torch(stack)
         yield
 
