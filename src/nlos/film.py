@@ -43,6 +43,8 @@ log = logging.getLogger(__name__)
 LONGEST_SIDE_PX = 384
 ENCODING_S = 600.0
 """What ffmpeg gets for a film."""
+_TOO_LARGE = -signal.SIGXFSZ if hasattr(signal, "SIGXFSZ") else None
+"""What ffmpeg ends with where files may not be as large as that (`ulimit -f`)."""
 _OF_THE_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EROFS, errno.EIO)
 TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
 NAMES = ("film.npz", "film.gif", "track.csv", "track.json", "objects.csv")
@@ -245,7 +247,7 @@ def write_mp4(path: Path, film: Film) -> None:
             f"{rows}. Export gif, or try again when the computer has less to do."
         ) from error
     said = done.stderr.decode(errors="replace")
-    if done.returncode == -getattr(signal, "SIGXFSZ", 0) != 0:  # a limit of this session
+    if done.returncode == _TOO_LARGE:
         said = os.strerror(errno.EFBIG)
     for number in _OF_THE_DISK:
         if os.strerror(number) in said:
