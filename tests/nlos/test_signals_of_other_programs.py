@@ -3,7 +3,7 @@
 import asyncio
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ import nlos
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import ShutterHeld
-from nlos.drivers.exit_paths import signal_soon
 
 Counts = npt.NDArray[np.uint32]
 SCAN = "five_by_five"
@@ -42,16 +41,19 @@ def undisturbed(request: pytest.FixtureRequest) -> tuple[str, list[Counts]]:
         return request.param, [sample.histogram.counts for sample in nlos.scan(SCAN, bench)]
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.015])
+@pytest.mark.parametrize("within_a_point", [False, True])
 def test_a_scan_ends_and_says_so_where_a_signal_shut_its_light(
-    handled: int, undisturbed: tuple[str, list[Counts]], after_s: float
+    handled: int, undisturbed: tuple[str, list[Counts]], within_a_point: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, whole = undisturbed
     said = f"{signal.Signals(handled).name} shut the light off.*resume=True"
     with nlos.open_bench(name) as bench:
         samples = nlos.scan(SCAN, bench, output="run.h5")
         taken = [next(samples).histogram.counts for _ in range(6)]
-        signal_soon(handled, after_s) if after_s else signal.raise_signal(handled)
+        if within_a_point:
+            monkeypatch.setattr(bench.counter, "read", _after_signal(handled, bench.counter.read))
+        else:
+            signal.raise_signal(handled)
         with pytest.raises(ShutterHeld, match=said):
             taken.extend(sample.histogram.counts for sample in samples)
     assert 6 <= len(taken) < len(whole)
@@ -59,6 +61,18 @@ def test_a_scan_ends_and_says_so_where_a_signal_shut_its_light(
     with Recording.open(Path("run.h5")) as recording:
         assert recording.status is Status.INTERRUPTED
         assert len(recording.intact_records()) == len(taken)
+
+
+def _after_signal(number: int, read: Callable[[int, int], object]) -> Callable[[int, int], object]:
+    """The first reading finds that the signal came while its point was measured."""
+
+    def after_signal(first: int, count: int) -> object:
+        if waiting:
+            signal.raise_signal(waiting.pop())
+        return read(first, count)
+
+    waiting = [number]
+    return after_signal
 
 
 def test_a_scan_in_another_thread_ends_with_the_light_that_ctrl_c_shut() -> None:
