@@ -76,13 +76,14 @@ def _after_signal(number: int, read: Callable[[int, int], object]) -> Callable[[
 
 
 def test_a_scan_in_another_thread_ends_with_the_light_that_ctrl_c_shut() -> None:
-    taken = threading.Event()
+    taken, shut = threading.Event(), threading.Event()
     ended: list[Exception] = []
 
     def work(bench: Bench) -> None:
         try:
             for _ in nlos.scan(SCAN, bench):
                 taken.set()
+                shut.wait(60.0)
         except ShutterHeld as error:
             ended.append(error)
 
@@ -92,6 +93,7 @@ def test_a_scan_in_another_thread_ends_with_the_light_that_ctrl_c_shut() -> None
         taken.wait(60.0)
         with pytest.raises(KeyboardInterrupt):  # which an event loop may only print
             signal.raise_signal(signal.SIGINT)
+        shut.set()
         worker.join(60.0)
         assert ended
         assert not bench.shutter.may_be_open
