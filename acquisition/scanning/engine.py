@@ -108,7 +108,6 @@ class _Run:
             f"{choice.scheme.words}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}",
         )
         control.enter(ScanState.RUNNING)
-        bench.shutter.when_held = control.interrupt
         try:
             if self._decided_before_light():
                 return
@@ -142,7 +141,6 @@ class _Run:
             control.enter(ScanState.FAILED)
             raise
         finally:
-            bench.shutter.when_held = lambda why: None
             bench.announce(())
             if control.state is ScanState.RUNNING:
                 control.enter(ScanState.ENDED)

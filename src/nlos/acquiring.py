@@ -158,13 +158,19 @@ def _adviser(prepared: PreparedScan) -> WhereNext | None:
 def _advised(
     prepared: PreparedScan, begun: Resumed, control: ScanControl, adviser: WhereNext | None
 ) -> Generator[Sample, None, None]:
-    """What is missing, each sample told to the adviser before it is handed on."""
-    with closing(prepared.samples(begun, control, adviser=adviser)) as samples:
-        for sample in samples:
-            if adviser is not None:
-                adviser.add(sample)
-            yield sample
-    if control.state is ScanState.ENDED and (signal := prepared.bench.shutter.is_held()):
+    """What is missing, each sample told to the adviser before it is handed on. The command line's own handlers end
+    its scans; here a signal's handler may be anybody's, so that the shutter itself tells the scan of it."""
+    shutter = prepared.bench.shutter
+    shutter.when_held = control.interrupt
+    try:
+        with closing(prepared.samples(begun, control, adviser=adviser)) as samples:
+            for sample in samples:
+                if adviser is not None:
+                    adviser.add(sample)
+                yield sample
+    finally:
+        shutter.when_held = lambda why: None
+    if control.state is ScanState.ENDED and (signal := shutter.is_held()):
         raise ShutterHeld(
             "shutter",
             f"{signal} shut the light off, and this program's own handler of it went on: the scan ends here.",

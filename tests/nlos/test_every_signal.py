@@ -68,7 +68,7 @@ def ended(child: "subprocess.Popen[str]") -> int:
 
 @pytest.mark.sampled(2)
 @pytest.mark.soak
-@pytest.mark.parametrize("name", ALL if SOAK else ["SIGQUIT", "SIGTSTP", "SIGABRT", "SIGTTIN", "SIGRTMAX"])
+@pytest.mark.parametrize("name", ALL if SOAK else ["SIGTERM", "SIGQUIT", "SIGTSTP", "SIGABRT", "SIGTTIN", "SIGRTMAX"])
 def test_a_signal_that_would_end_or_stop_a_scan_shuts_its_light(tmp_path: Path, name: str) -> None:
     child = lit_scan(tmp_path)
     try:
