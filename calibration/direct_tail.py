@@ -23,10 +23,10 @@ FADED = 0.15
 
 def bins_of_tail(counts: npt.NDArray[np.floating], cut_bins: int, bin_width_s: float) -> int | None:
     """The number of bins to cut instead, or None where no tail is left. `counts` [T] are of all points together,
-    `cut_bins` how many their owner cut; where that is 0, bins before the first count are taken for cut if ambient light
-    stands in all that follow.
+    `cut_bins` how many their owner cut; where that is 0, bins before the first count are taken for cut if every later
+    bin holds ambient light.
 
-    A surface that stands right where the cut is looks the same; so does a wall parallel to a scanned one that fills the
+    A surface right where the cut is looks the same; so does a wall parallel to a scanned one that fills the
     view, but before that nothing was cut."""
     lit = np.flatnonzero(counts > 0)
     if not len(lit):

@@ -46,7 +46,7 @@ class GuardedShutter:
         self._lately = CountedLately(settings.trip_ms * 1e-3)
         self._held = ""
         self.when_held: Callable[[str], None] = lambda why: None
-        """Told of every `hold`: a scan in its light ends its point, whatever else the program makes of the signal."""
+        """Told of every `hold`: a scan from Python drops its point and ends, whatever is made of the signal."""
         self._for_good = False
         self._opening = threading.RLock()
         self._arming = arming

@@ -16,6 +16,12 @@ pattern: serpentine
 dwell_ms: 4
 histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 """
+THREE_BY_FOUR = """\
+wall: {width_m: 0.8, height_m: 0.6, rows: 3, cols: 4}
+pattern: serpentine
+dwell_ms: 4
+histogram: {bins: 64, bin_width_ps: 256, offset_ns: 8}
+"""
 
 
 def recorded(folder: Path, text: str) -> Path:

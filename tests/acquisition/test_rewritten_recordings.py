@@ -10,21 +10,12 @@ import pytest
 from nlos.__main__ import run
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording
-
-SCAN = """
-wall: {width_m: 0.8, height_m: 0.6, rows: 3, cols: 4}
-pattern: serpentine
-dwell_ms: 4
-histogram: {bins: 64, bin_width_ps: 256, offset_ns: 8}
-"""
+from tests.scan_texts import THREE_BY_FOUR, recorded
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    scan, path = tmp_path / "scan.yaml", tmp_path / "run.h5"
-    scan.write_text(SCAN, "utf-8")
-    assert run(["scan", str(scan), "-o", str(path)]) == 0
-    return path
+    return recorded(tmp_path, THREE_BY_FOUR)
 
 
 def copy(source: h5py.Group, target: h5py.Group, **stored: Any) -> None:

@@ -149,16 +149,21 @@ def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch
         write_mp4(tmp_path / "film.mp4", film)
 
 
+def put_ffmpeg(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str) -> None:
+    """In place of the computer's ffmpeg, a shell's script."""
+    program = folder / "ffmpeg"
+    program.write_text(f"#!/bin/sh\n{does}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="its ffmpeg is a shell's script")
 @pytest.mark.parametrize(("does", "said"), [("exec sleep 60", "longer than 0.2 s for 1 picture"),
                                             ("echo no such codec >&2; exit 3", "failed: no such codec")])  # fmt: skip
 def test_an_ffmpeg_that_hangs_or_fails_is_named(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
 ) -> None:
-    program = tmp_path / "ffmpeg"
-    program.write_text(f"#!/bin/sh\n{does}\n")
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    put_ffmpeg(tmp_path, monkeypatch, does)
     monkeypatch.setattr("nlos.film.ENCODING_S", 0.2 if "sleep" in does else 60.0)
     with pytest.raises(InvalidData, match=rf"film\.mp4: ffmpeg .*{said}"):
         write_mp4(tmp_path / "film.mp4", film_of(run, LCT, 8))
@@ -174,10 +179,7 @@ def test_a_disk_that_is_full_is_none_of_an_mp4_whatever_ffmpeg_ends_with(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, why: str
 ) -> None:
     """FFmpeg 5 ends with 0 where the disk took a part of the film alone."""
-    program = tmp_path / "ffmpeg"
-    program.write_text(f'#!/bin/sh\nfor last; do :; done\necho a part > "$last"\n{does}\n')
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    put_ffmpeg(tmp_path, monkeypatch, f'for last; do :; done\necho a part > "$last"\n{does}')
     there = tmp_path / "run.h5"
     shutil.copyfile(run, there)
     with pytest.raises(StorageError, match=rf"run\.mp4: cannot be written \({why}\)"):

@@ -1,10 +1,10 @@
 """Bench files that a command writes: what it measured put into the one that was read."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import refuse_existing
 from nlos.cli.terminal import terminal
 from nlos.whole_file import whole_file
 
@@ -19,8 +19,7 @@ def check_bench_output(output: Path | None, overwrite: bool, what: str) -> None:
         return
     if output.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"-o {output}: {what} a bench file, .yaml")
-    if os.path.lexists(output) and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_existing(output, overwrite)
 
 
 def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | None, overwrite: bool) -> None:

@@ -1,6 +1,5 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
-import os
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -27,7 +26,7 @@ from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress, Stages
 from nlos.cli.seconds import with_error
 from nlos.cli.spots import place_scanner
-from nlos.cli.targets import refuse_own_input
+from nlos.cli.targets import refuse_existing, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.report.calibration_pictures import folder_of_pictures, pictures_of, refuse_to_replace
 from nlos.writable import check_writable
@@ -208,8 +207,7 @@ def _used_by(constants: "BenchConstants") -> str:
 
 def _refuse_to_replace(target: Path, read: Sequence[Path | None], overwrite: bool) -> None:
     refuse_own_input(target, read, "a file that is calibrated from")
-    if os.path.lexists(target) and not overwrite:  # a link to nothing, too
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_existing(target, overwrite)
     refuse_to_replace(folder_of_pictures(target), overwrite)
 
 

@@ -1,6 +1,5 @@
 """`nlos figure`: results side by side on one scale, at a journal's width."""
 
-import os
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +8,7 @@ import typer
 
 from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import refuse_existing
 from nlos.cli.terminal import terminal
 from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
@@ -38,8 +38,7 @@ def figure(
 
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
-    if os.path.lexists(output) and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_existing(output, overwrite)
     made = [read_reconstruction(_file_of(place)) for place in results]
     names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]
     if len(names) != len(made):

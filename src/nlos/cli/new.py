@@ -1,6 +1,5 @@
 """`nlos new bench`: asks, looks at what is plugged in, writes a commented bench file and ends with the doctor."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from pydantic_core import ErrorDetails
 from nlos.calibration.bench_facts import REAL, SIMULATED
 from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import refuse_existing
 from nlos.cli.terminal import terminal
 from nlos.new_bench.asking import answers, as_options
 from nlos.new_bench.detection import detect
@@ -43,8 +43,7 @@ def new(
     defaults are taken, and what has none has to be given with --answer."""
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
-    if os.path.lexists(output) and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_existing(output, overwrite)
     given = dict(_split(each) for each in answer or [])
     if simulated and "port" in given:
         raise UsageError(

@@ -1,6 +1,5 @@
 """`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
 
-import os
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -35,7 +34,7 @@ from nlos.beam_seen import judge_beam
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
-from nlos.cli.targets import picture_target, recording_target
+from nlos.cli.targets import picture_target, recording_target, refuse_existing
 from nlos.cli.terminal import terminal
 from nlos.configs.load import load
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -74,8 +73,8 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would, a trip that stands and the disk, too; duration with its parts, disk, photons
     to expect. Moves nothing: a real bench is not even opened, its simulated twin is asked."""
-    if picture is not None and os.path.lexists(picture_target(picture)) and not overwrite:
-        raise FileExistsError(f"{picture}: exists. Choose another name, or use --overwrite.")
+    if picture is not None:
+        refuse_existing(picture_target(picture), overwrite, "--picture")
     if output is not None:
         recording_target(output)
     told = response_wanted(response)

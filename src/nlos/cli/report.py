@@ -1,6 +1,5 @@
 """`nlos report`: one self-contained HTML file about one recording or several, to mail to a colleague."""
 
-import os
 from os.path import realpath
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import page_target, refuse_folder, refuse_own_input
+from nlos.cli.targets import page_target, refuse_existing, refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.live.process import methods_for
 from nlos.report.page import write_report
@@ -29,8 +28,7 @@ def report(
         refuse_folder(run)
     target = runs[0].with_suffix(".html") if output is None else page_target(output)
     refuse_own_input(target, runs, "a recording that is reported on")
-    if os.path.lexists(target) and not overwrite:
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
+    refuse_existing(target, overwrite)
     if len({realpath(run) for run in runs}) < len(runs):
         raise UsageError("the same RUN is named twice")
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]

@@ -1,6 +1,5 @@
 """`nlos runs`: finds scans again, by sample, operator, note, tag, day, or anything else that is known of them."""
 
-import os
 import textwrap
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +8,7 @@ import typer
 
 from nlos.cli.columns import columns_shown
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import page_target
+from nlos.cli.targets import page_target, refuse_existing
 from nlos.cli.terminal import terminal
 from nlos.runs.index import SORTS, Run, RunsIndex
 
@@ -43,8 +42,8 @@ def runs(
         raise FileNotFoundError(f"{where}: no such folder")
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
-    if page is not None and os.path.lexists(page_target(page)) and not overwrite:
-        raise FileExistsError(f"{page}: exists. Choose another name, or use --overwrite.")
+    if page is not None:
+        refuse_existing(page_target(page), overwrite, "--page")
     with RunsIndex(where) as index:
         changes = index.update(afresh=rebuild)
         found, every = index.search(words or [], sort, not ascending, limit), index.count()

@@ -46,13 +46,18 @@ def page_target(path: Path) -> Path:
 
 
 def log_target(path: Path, overwrite: bool) -> Path:
-    """The same for a log of what was seen, given as `--log`. Raises `FileExistsError` where it may not be replaced: a
-    link to nothing neither."""
+    """The same for a log of what was seen, given as `--log`. Raises as `refuse_existing` does."""
     _check_kind(path, LOGS, "a log")
     _check_folder(path, "--log")
-    if os.path.lexists(path) and not overwrite:
-        raise FileExistsError(f"{path}: exists. Choose another name, or use --overwrite.")
+    refuse_existing(path, overwrite, "--log")
     return path
+
+
+def refuse_existing(path: Path, overwrite: bool, option: str = "-o") -> None:
+    """Raises `FileExistsError` where something is at `path`, given as `option`, that may not be replaced: a link to
+    nothing neither."""
+    if os.path.lexists(path) and not overwrite:
+        raise FileExistsError(f"{path}: exists. Choose another name with {option}, or use --overwrite.")
 
 
 def refuse_own_input(target: Path, inputs: Iterable[Path | None], what: str) -> None:

@@ -30,7 +30,7 @@ from tests.nlos.by_hand.witness import account, bench_file
         ("monitor --gate nan:10", 2, "must begin at 0 or later"),
         ("monitor --for 0", 2, "--for 0: seconds are expected, above 0"),
         ("monitor --for nan", 2, "--for nan: seconds are expected"),
-        ("monitor --for 1 --log kept.csv", 6, "kept.csv: exists. Choose another name, or use --overwrite."),
+        ("monitor --for 1 --log kept.csv", 6, "kept.csv: exists. Choose another name with --log, or use --overwrite."),
         ("monitor --for 1 --log linked.csv", 6, "linked.csv: exists."),
         ("monitor --for 1 --log run.h5 --overwrite", 2, "run.h5: a log is written as .csv (given .h5)."),
         (
