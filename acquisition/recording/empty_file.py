@@ -6,11 +6,7 @@ import os
 import re
 import secrets
 import shutil
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +21,6 @@ from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, wri
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
-from nlos.drivers.exit_paths import a_bench_is_open
 
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
 """What network shares say that keep folders elsewhere: a file that took its place there has it."""
@@ -44,7 +39,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         clear(target)
         with open(os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "r+b") as raw:
             shown = HdfBytes(raw.fileno(), str(target))
-            with _interrupts_wait(), shown_to_hdf5(shown, "w") as file:
+            with shown_to_hdf5(shown, "w") as file:
                 file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
                 write_header(file, header.named())
                 write_plan(file, plan)
@@ -70,23 +65,6 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
             f"{remedy(error)}"
         ) from error
     return fresh
-
-
-@contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """While HDF5 writes, a Ctrl-C that would raise an exception waits: HDF5 would call it a failure of the disk."""
-    main, before = threading.current_thread() is threading.main_thread(), signal.getsignal(signal.SIGINT)
-    if not main or a_bench_is_open() or not callable(before):
-        yield
-        return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
 
 
 def put_in_place(fresh: Path, path: Path) -> None:

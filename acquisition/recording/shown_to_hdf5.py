@@ -1,13 +1,18 @@
 """HDF5's own view of a file whose bytes pass through this program, opened such that it is over when the block is."""
 
+import signal
+import sys
+import threading
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import FrameType
 
 import h5py
 
 from nlos.acquisition.recording.file_bytes import HdfBytes
+from nlos.drivers.exit_paths import a_bench_is_open, undisturbed
 
 
 @contextmanager
@@ -18,7 +23,7 @@ def shown_to_hdf5(data: HdfBytes, mode: str, layout: str = "v110") -> Iterator[h
     it lets go of it: after Python has ended, that crashes the process. So these frames let go at once.
     """
     try:
-        with h5py.File(data, mode, libver=(layout, "v110") if mode == "w" else None) as file:
+        with _signals_wait(), h5py.File(data, mode, libver=(layout, "v110") if mode == "w" else None) as file:
             yield file
     except BaseException as error:
         traceback.clear_frames(error.__traceback__)
@@ -35,3 +40,35 @@ def written_hdf5(path: Path) -> Iterator[h5py.File]:
             yield file
         if shown.failure is not None:
             raise OSError(shown.failure.errno, shown.failure.strerror, str(path))
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """While HDF5 calls back into Python, a signal whose handler may raise waits for the end of the block: HDF5 would
+    take the exception for a failure of the disk. An open bench shuts its light at once all the same."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are handled elsewhere
+    elif a_bench_is_open():
+        with undisturbed():
+            yield
+    else:
+        with ExitStack() as afterwards:
+            for number in signal.valid_signals():
+                handler = signal.getsignal(number)
+                if callable(handler):
+                    _put_off(number, handler, afterwards)
+            yield
+
+
+def _put_off(number: int, handler: Callable[[int, FrameType | None], object], afterwards: ExitStack) -> None:
+    """From now on what `handler` does about a signal is done `afterwards`, when it has its place back. It is given the
+    frame of that time: the frames of h5py that the signal came into must not be kept by an error either."""
+    came: list[int] = []
+
+    def delivered() -> None:
+        signal.signal(number, handler)
+        if came:
+            handler(number, sys._getframe())
+
+    signal.signal(number, lambda number, frame: came.append(number))
+    afterwards.callback(delivered)
