@@ -159,6 +159,10 @@ class GuardedShutter:
         if self._trip is not None:
             raise tripped(self._trip, self._there)
 
+    def is_tripped(self) -> bool:
+        """Whether a trip keeps it closed until `clear_trip`."""
+        return self._trip is not None
+
     def hold(self, why: str) -> None:
         """Closes, and keeps closed what somebody may be about to open: within a signal handler."""
         self._held = why

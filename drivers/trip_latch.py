@@ -14,6 +14,8 @@ from nlos.drivers.errors import LimitError, SafetyTrip
 from nlos.drivers.file_word import older_word, own_word
 from nlos.drivers.state_folder import state_folder
 
+CLEARS = "`nlos doctor --bench BENCH --clear-trip YOUR-NAME`"
+
 
 class TripLatch:
     """The log of one bench: a line a trip, override or name. The last line says whether a trip stands; one that is not
@@ -124,7 +126,7 @@ def tripped(why: str, there: bool) -> SafetyTrip:
     return SafetyTrip(
         "shutter",
         f"{'stays closed' if there else 'no scan'} after a trip ({why}).",
-        "Find the cause, then run `nlos doctor --bench BENCH --clear-trip YOUR-NAME`.",
+        f"Find the cause, then run {CLEARS}.",
     )
 
 

@@ -13,6 +13,7 @@ from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip, ShutterHeld
 from nlos.drivers.exit_paths import undisturbed
+from nlos.drivers.trip_latch import CLEARS
 
 LONG_BYTES = 1 << 27
 """Of counts: more take more than a second or two to copy, which a signal may break off."""
@@ -37,7 +38,13 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
 
     @property
     def complete(self) -> bool:
-        return self._control.state is ScanState.COMPLETE or (self.film is not None and self.film.whole)
+        whole = self.film is not None and self.film.whole
+        return self._control.state is ScanState.COMPLETE or whole or self._writer.has_all
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether somebody ended the scan, be it after its last sample; a film is ended so as a rule."""
+        return self._control.state is ScanState.ENDED and self.film is None
 
     @property
     def path(self) -> Path:
@@ -53,7 +60,8 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             return f"{path} is complete."
         if self._uncut:
             return f"{path} was not cut to the frames of its film. {UNCUT.format(path=path)}"
-        return f"The samples so far are safe in {self._writer.path}; `{self._resume}` takes the others."
+        cleared = f"{CLEARS} clears the trip, then " if self._bench.shutter.is_tripped() else ""
+        return f"The samples so far are safe in {path}; {cleared}`{self._resume}` takes the others."
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -89,7 +97,7 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             error.add_note(str(failure))
 
     def _status(self, error: BaseException | None) -> Status:
-        if self.complete:  # a signal that came after the last sample changes nothing
+        if self.complete:  # what came after the last sample changes nothing of it
             return Status.COMPLETE
         if isinstance(error, SafetyTrip):
             return Status.STOPPED

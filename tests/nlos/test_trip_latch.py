@@ -46,6 +46,7 @@ def test_a_trip_of_a_ttl_shutter_stands_until_it_is_cleared_by_name(
     monkeypatch.setenv("NLOS_STATE", str(tmp_path / "state"))
     tripped = nlos("scan", "scan.yaml", "--bench", multiharp(20000), "-o", "run.h5")
     assert tripped.returncode == 5, tripped.stderr
+    assert "--clear-trip YOUR-NAME` clears the trip, then `--resume` takes the others" in tripped.stderr
     bench = multiharp(5e6)  # the limit is corrected; the trip still stands
     for again in (("-o", "other.h5"), ("-o", "run.h5", "--resume")):
         refused = nlos("scan", "scan.yaml", "--bench", bench, *again)
