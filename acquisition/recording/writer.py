@@ -112,6 +112,11 @@ class RecordingWriter:
         if self._filled == BLOCK_SAMPLES or self._clock.now() + self._next_s - self._flushed_s >= BLOCK_S:
             self.flush()
 
+    @property
+    def has_all(self) -> bool:
+        """Whether it was given every sample that its plan may have; a second pass may want fewer."""
+        return self.acknowledged + self._filled == self.plan.most_samples
+
     def flush(self) -> None:
         """Writes what was taken so far and acknowledges it: counts, then records, then their number, so that at no
         moment the file promises more than it holds. Raises `StorageError` where the disk refuses, and where the file is
@@ -168,9 +173,7 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is None:
-            self.finish(
-                Status.COMPLETE if self.acknowledged + self._filled == self.plan.most_samples else Status.INTERRUPTED
-            )
+            self.finish(Status.COMPLETE if self.has_all else Status.INTERRUPTED)
             return
         try:
             self.finish(Status.FAILED)

@@ -55,23 +55,32 @@ def test_a_document_says_that_a_signal_ended_its_command(tmp_path: Path, verb: s
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
-@pytest.mark.parametrize(("step", "status"), [("write", "interrupted"), ("finish", "complete")])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("step", "calls", "status"), [("write", 1, "interrupted"), ("write", 25, "complete"), ("finish", 1, "complete")]
+)
 def test_a_document_says_what_a_signal_left_of_the_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, status: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, calls: int, status: str, number: signal.Signals
 ) -> None:
-    """One that comes while a complete recording is finished changes nothing of it."""
-    carry_out = getattr(RecordingWriter, step)
+    """One that comes once all of its 25 points are taken changes nothing of it."""
+    carry_out, called = getattr(RecordingWriter, step), 0
 
     def carry_out_and_be_told(writer: RecordingWriter, what: object) -> None:
+        nonlocal called
         carry_out(writer, what)
-        signal.raise_signal(signal.SIGTERM)
+        called += 1
+        if called == calls:
+            signal.raise_signal(number)
 
     monkeypatch.setattr(RecordingWriter, step, carry_out_and_be_told)
     done = nlos(tmp_path, "scan", "five_by_five", "-o", "run.h5", "--json")
     document = json.loads(done.stdout)
-    assert (done.returncode, document["error"]["exit_code"]) == (143, 143), done.stderr
+    if step == "finish" and number == signal.SIGINT:  # the scan was over
+        assert (done.returncode, "error" in document) == (0, False), done.stderr
+    else:
+        assert (done.returncode, document["error"]["exit_code"]) == (128 + number, 128 + number), done.stderr
+        assert ("--resume" in document["error"]["message"]) == (status == "interrupted")
     assert (document["recording"], document["status"]) == ("run.h5", status)
-    assert ("--resume" in document["error"]["message"]) == (status == "interrupted")
     monkeypatch.undo()
     again = json.loads(nlos(tmp_path, "scan", "five_by_five", "-o", "run.h5", "--json", "--resume", check=True).stdout)
     assert (again["taken"] == 0) == (status == "complete")

@@ -40,7 +40,7 @@ class Taken:
         except (KeyboardInterrupt, SystemExit):
             say_ended(self.prepared.request, self.ending)
             raise
-        if self.status == "interrupted":
+        if self.status == "interrupted" or (self.status == "complete" and self.ending.by_hand and not self.reached):
             raise Stopped(ExitCode.INTERRUPTED, f"ended at the terminal. {self.ending.safe}")
 
 
