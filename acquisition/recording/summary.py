@@ -22,6 +22,8 @@ CUT_OFF = "cut off"
 """The status of a recording that says it is running while nobody writes it."""
 MOST_PIXELS = 32
 """Of a thumbnail's side."""
+_SAYS_WHY = {Status.STOPPED: ("alarm", "trip"), Status.FAILED: ("device", "failed")}
+"""Kinds of events, the last of which says what ended the scan."""
 _TEXTS = ("identity", "started_utc", "scan_json", "bench_json", "devices", "warnings", "run_json")
 
 
@@ -72,7 +74,9 @@ def _summary(path: Path, file: h5py.File, texts: dict[str, str]) -> dict[str, An
     records = _array(stored, RECORD)[: min(int(taken), planned)]
     scan, bench = json.loads(texts["scan_json"]), json.loads(texts["bench_json"])
     notes, pattern = RunNotes.from_json(texts["run_json"] or "{}"), scan.get("pattern", "")
-    status = word_of(Status(state), _events(file) if state == Status.INTERRUPTED else ())
+    events = _events(file) if state in (Status.INTERRUPTED, *_SAYS_WHY) else ()
+    status = word_of(Status(state), events)
+    trouble = [text for kind, text in events if kind in _SAYS_WHY.get(Status(state), ())]
     if state == Status.RUNNING and not is_locked(path):
         status = CUT_OFF
     wall = [said["width_m"], said["height_m"]]
@@ -97,6 +101,7 @@ def _summary(path: Path, file: h5py.File, texts: dict[str, str]) -> dict[str, An
         "bin_width_s": said["bin_width_s"],
         "dwell_ms": scan.get("dwell_ms"),
         "warnings": len(json.loads(texts["warnings"])),
+        **({"trouble": trouble[-1]} if trouble else {}),
         "thumbnail": _thumbnail(records, x_m / wall[0], y_m / wall[1], *grid),
     }
 

@@ -69,6 +69,8 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
         with undisturbed():
             status = self._status(error)
             try:
+                if status is Status.FAILED:
+                    self._bench.report("failed", str(error) or type(error).__name__)
                 self._bench.report("scan", status.name.lower())
             finally:
                 self._bench.on_event = None

@@ -20,8 +20,8 @@ from nlos.live.admission import admitted, page_answer
 from nlos.live.web import Answer, Refused, Request
 from nlos.runs.index import Run, RunsIndex
 from nlos.runs.page import card
+from nlos.series.journal import BEGUN, DONE, NO_PICTURE, PICTURE, Journal, planned
 from nlos.series.journal import NAME as JOURNAL
-from nlos.series.journal import Journal, planned
 from nlos.time_of_day import shown_after
 
 AGAIN_S = 5
@@ -75,14 +75,18 @@ def body(folder: Path) -> str:
     growing = [run for run in latest if run.status == "running" and is_locked(run.file(folder))]
     cards = "".join(card(folder, run) for run in latest)
     return escaped(
-        f'<h1>{escape(folder.resolve().name)} <span class="when">{now}</span></h1>{_under_way(growing)}'
+        f'<h1>{escape(folder.resolve().name)} <span class="when">{now}</span></h1>{_under_way(growing, latest)}'
         f"{_series(folder)}<section><h2>The latest of {every} runs</h2><main>{cards}</main></section>"
     )
 
 
-def _under_way(growing: Sequence[Run]) -> str:
+def _under_way(growing: Sequence[Run], latest: Sequence[Run]) -> str:
+    """The scans that are, else what ended the last one, where that was no person and not its last point."""
     if not growing:
-        return '<section><p class="big">No scan is under way.</p></section>'
+        last = next(iter(latest), None)
+        why = "" if last is None else last.summary.get("trouble", "")
+        ended = f"<p>{escape(Path(last.path).name)}: {escape(last.status)}: {escape(why)}</p>" if last and why else ""
+        return f'<section><p class="big">No scan is under way.</p>{ended}</section>'
     return "".join(
         f'<section><p class="big">{escape(str(run.summary.get("sample") or Path(run.path).stem))}</p>'
         f'<progress aria-label="points" max="{run.summary["planned"]}" value="{run.summary["points"]}"></progress>'
@@ -107,7 +111,7 @@ def _series(folder: Path) -> str:
     going = is_locked(here / JOURNAL)
     over = [name for name in outcome if journal.is_over(name, going)]
     left_s = sum(seconds for name, seconds in expected_s.items() if name not in over)
-    ends = f"until about {shown_after(left_s)}" if going else "not running now"
+    ends = f"until about {shown_after(left_s)}" if going else f"not running now{_ended_by(journal)}"
     if len(over) == len(outcome):
         ends = "over"
     rows = "".join(
@@ -120,6 +124,12 @@ def _series(folder: Path) -> str:
         f'<progress aria-label="scans" max="{max(len(outcome), 1)}" value="{len(over)}"></progress>'
         f"<table>{_HEAD}{rows}</table></section>"
     )
+
+
+def _ended_by(journal: Journal) -> str:
+    """The run that ended the series, unless all went well as far as it came."""
+    ends = [line for line in journal.lines if line.what not in (PICTURE, NO_PICTURE)][-1:]
+    return "".join(f": {escape(line.run)} {line.what}" for line in ends if line.what not in (BEGUN, DONE))
 
 
 def _why(journal: Journal, name: str) -> str:

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -27,6 +28,7 @@ from nlos.series.journal import ALARM, BEGUN, DONE, FAILED, INTERRUPTED, NAME, S
 from nlos.status_page import StatusPage, body
 from nlos.time_of_day import shown_after
 from tests.acquisition.test_recording import plan_of, sample_of
+from tests.changed_bench import bench_file
 
 TOKEN = "corridor-corridor"
 
@@ -122,6 +124,32 @@ def test_a_scan_that_an_alarm_ended_with_its_series_is_not_over(data: Path) -> N
     journal.add("3-hut", BEGUN)
     journal.add("3-hut", ALARM, message="too bright")
     assert "2 of 3 scans, not running now" in plain(body(data))
+
+
+def test_it_says_which_run_ended_the_series(data: Path) -> None:
+    assert "1 of 3 scans, not running now: 2-cap alarm Scan" in plain(body(data))
+    Journal(data / "night").add("3-hut", BEGUN)
+    assert "not running now Scan" in plain(body(data))  # its program was killed
+
+
+@pytest.mark.parametrize(
+    ("bench", "ended"),
+    [
+        ({"simulation.faults": [{"name": "G1", "after_s": 0.1}]}, "failed: triggerscope: b"),
+        ({"safety.trip_cps": 1e4, "safety.trip_ms": 1.0}, "stopped: shutter: closed by a trip: "),
+    ],
+)
+def test_it_says_what_ended_the_last_scan(
+    tmp_path: Path, bench: dict[str, Any], ended: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "runs").mkdir()
+    assert run(["scan", "five_by_five", "--bench", bench_file(tmp_path, bench), "-o", f"{tmp_path}/runs/run.h5"])
+    said = plain(body(tmp_path / "runs"))
+    assert f"No scan is under way. run.h5: {ended}" in said
+    assert said.count(ended.split(": ", 1)[1]) == 2  # on its card, too
+    capsys.readouterr()
+    run(["runs", "--folder", f"{tmp_path}/runs"])
+    assert ended.split(": ", 1)[1] in capsys.readouterr().out
 
 
 @contextmanager

@@ -78,7 +78,7 @@ def _show(found: "list[Run]") -> None:
         points = f"{said['points']}/{said['planned']}" if "points" in said else ""
         lines.append((run.started, run.status, points, str(said.get("sample", "")), str(said.get("operator", "")),
                       ",".join(said.get("tags", [])), run.path,
-                      str(said.get("note", said.get("trouble", "")))))  # fmt: skip
+                      str(said.get("note") or said.get("trouble", ""))))  # fmt: skip
     if len(lines) == 1:
         return
     lines = [

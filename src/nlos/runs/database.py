@@ -24,7 +24,7 @@ DAMAGED = (sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises: the second where SQLite's own words quote bytes of it that are no text."""
 WAIT_S = 10.0
 """For another program, which takes milliseconds. A network share without locks says that it is in use, too."""
-_VERSION = 5
+_VERSION = 6
 _SCHEMA = """
 CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,
