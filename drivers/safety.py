@@ -91,12 +91,12 @@ class GuardedShutter:
         if self._arming is not None and not self._settings.dry_run:
             self._arming.agree()
 
-    def arm(self) -> None:
+    def arm(self, broken_off: Callable[[], bool] = lambda: False) -> None:
         """`agree`, and the warning time, for light that is asked for anew once it is over; else it is `open`'s, which
-        is when light comes."""
+        is when light comes. It ends once it is `broken_off`, with nothing armed."""
         self.agree()
         if self._arming is not None and not self._settings.dry_run:
-            self._arming.warn(lambda: self._for_good or self._held)
+            self._arming.warn(lambda: self._for_good or self._held or broken_off())
 
     def is_armed(self) -> bool:
         """Whether nothing has to happen any more before light."""

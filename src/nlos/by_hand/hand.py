@@ -20,6 +20,7 @@ FIRST_HOLD_S = 0.8
 """A key that is held down is first repeated after so long at most, as keyboards are set."""
 HOLD_S = 0.3
 """And then at least so often: the light outlasts the last repeat by no more."""
+_BROKEN_OFF = "no light: another key was pressed in its warning time"
 _TICK_S = 0.01
 _LONGEST_AXIS_DWELL_S = 0.06
 _ZOOMED_BINS = 1024
@@ -38,6 +39,7 @@ class Hand:
     def __init__(self, bench: PartialBench, aim: Aiming, keys: Keys, stops: Stops) -> None:
         self.bench, self.keys, self.stops = bench, keys, stops
         self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment, stops)
+        self.light.broken_off = self._something_else_is_wanted
         self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
         self.angles = MirrorAngles(0.0, 0.0)
         self.lit_here = False
@@ -50,6 +52,7 @@ class Hand:
         self.reading: Reading | None = None
         self.peak: DirectPeak | None = None
         self.watch: Watch | None = None
+        self._pressed: deque[str] = deque()  # in order; nobody has looked at them
         self._waiting: deque[str] = deque()
         self._held_s = -math.inf
         self.typing = False
@@ -125,6 +128,8 @@ class Hand:
         if self.reach is not None:
             self.reach.check(self.angles)
         self.light.ask(seconds)
+        if not self.light.wanted:
+            self.note(_BROKEN_OFF)
 
     def _hold(self) -> bool:
         """Light for who holds the key; False where what was pressed with it is of before a warning time."""
@@ -135,19 +140,32 @@ class Hand:
         if shutter is not None and not shutter.is_armed():  # who pressed may have let go while the warning time passed
             shutter.release()  # somebody asks again, after whatever shut the light
             if self.try_to(lambda: self.light.arm(shutter)) and shutter.is_armed():
-                self.keys.pressed()
+                self._take_keys()
+                self._pressed = deque(key for key in self._pressed if key != "space")
                 self.note("armed: SPACE gives light from now on")
+            elif self._something_else_is_wanted():
+                self.note(_BROKEN_OFF)
             return False
         self.try_to(lambda: self.ask_for_light(HOLD_S if repeats else FIRST_HOLD_S))
         return True
 
     def _look_at_keys(self) -> None:
         held = True
-        for key in self.keys.pressed():
+        self._take_keys()
+        while self._pressed:
+            key = self._pressed.popleft()
             if key == "space" and not (self.typing or self.begin_text.intersection(self._waiting)):
                 held = held and self._hold()
             else:
                 self._waiting.append(key)
+
+    def _take_keys(self) -> None:
+        self._pressed.extend(self.keys.pressed())
+
+    def _something_else_is_wanted(self) -> bool:
+        """Whether a key waits that is no wish for light, `q` before all: what it means is done in the dark."""
+        self._take_keys()
+        return not self.typing and (bool(self._waiting) or any(key != "space" for key in self._pressed))
 
     def _meanwhile(self) -> None:
         """Every 10 ms, whatever is waited for."""

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -34,6 +34,8 @@ class LightOnRequest:
         self._opened_s: float | None = None
         self._off_s, self._late_s = float("inf"), 0.0
         self._closed_after_s = 0.0
+        self.broken_off: Callable[[], bool] = lambda: False
+        """Asked in the warning time before light: whether somebody wants none any more."""
         self.openings = 0
         """How often it came on: between two looks it may have come and gone."""
 
@@ -75,6 +77,8 @@ class LightOnRequest:
         if not self.wanted:
             self._shutter.release()  # somebody asks again, after whatever shut the light
         self.arm(self._shutter)
+        if not self._shutter.is_armed() and self.broken_off():
+            return
         now_s = self._clock.now()
         if self._until_s <= now_s:
             self._began_s = now_s
@@ -85,7 +89,7 @@ class LightOnRequest:
         """What has to happen before light; Ctrl-Z in its warning time stops the program, and the warning comes anew.
         Raises `LimitError`."""
         with self._stops.at_once():
-            shutter.arm()
+            shutter.arm(self.broken_off)
 
     def tick(self) -> None:
         """Opens or closes as it is time to. Raises what the shutter raises."""

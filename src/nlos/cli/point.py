@@ -61,7 +61,8 @@ def point(
         )  # fmt: skip
         if light is not None:
             hand.ask_for_light(light)
-            terminal.log(f"light for {light:g} s")
+            if hand.light.wanted:
+                terminal.log(f"light for {light:g} s")
         elif hand.keys.there and hold is None:
             by_key = f"No light: {hand.no_light} Any" if hand.no_light else "SPACE, held down: light. Any other"
             terminal.log(f"{by_key} key ends.")

@@ -307,6 +307,26 @@ def test_a_key_that_was_let_go_during_the_warning_time_gives_no_light(tmp_path: 
     assert account(tmp_path).lit
 
 
+@pytest.mark.parametrize("held", [True, False], ids=["SPACE", "--light"])
+@pytest.mark.parametrize("words", [("jog",), ("monitor",), ("point", "0", "0")], ids=lambda words: words[0])
+def test_q_in_the_warning_time_ends_in_the_dark_without_waiting_for_it(
+    tmp_path: Path, words: tuple[str, ...], held: bool
+) -> None:
+    path = bench_file(tmp_path, {"arm": {"delay_s": 60.0, "remote": True}})
+    with at_a_terminal(tmp_path, *words, *(() if held else ("--light", "2")), "--bench", str(path)) as child:
+        if held:
+            child.wait_until(lambda: bool(child.frames) or "SPACE" in child.said, "that keys are taken")
+            child.press(" ")
+        child.wait_for("light in 60 s")
+        if words == ("jog",):
+            child.press("right")
+            child.wait_for("no light: another key was pressed")
+            child.wait_for("+0.1000   y   +0.0000 deg")
+        child.press(" q")
+        assert child.ends() == 0
+    assert not account(tmp_path).lit
+
+
 def test_a_terminal_from_afar_may_move_but_gets_no_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = bench_file(tmp_path, {"arm": {"remote": False}})
     afar = {"SSH_CONNECTION": "10.0.0.7 50000 10.0.0.1 22"}
