@@ -1,9 +1,11 @@
 """The share of light that a picture explains, and how it is said."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 LEAST, ERRORS = 0.05, 3.0
 """A picture that explains less than this, or less than so many of its errors, explains nothing."""
+LITTLE, FAR_BETTER = 0.25, 2.0
+"""Of a picture that explains less than this, another one is made without the response; so many times as much tells."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,11 @@ class Explained:
     def nothing(self) -> bool:
         """Whether the picture explains nothing: nobody should believe it."""
         return self.share is not None and self.share < max(LEAST, ERRORS * (self.error or 0.0))
+
+    @property
+    def little(self) -> bool:
+        """Whether it explains so little that what is known of the instrument may be wrong."""
+        return self.share is not None and self.share < LITTLE
 
     @property
     def verdict(self) -> str:
@@ -49,6 +56,15 @@ class Explained:
         digits = 1 if error < 0.005 else 0
         figure = f"{100 * self.share:.{digits}f} ± {100 * error:.{digits}f} %"
         return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
+
+
+def blame_response(found: Explained, without: Explained, source: str) -> Explained:
+    """What was found with a response from `source`, with a note where the picture without one explains far more."""
+    seconds = found.seconds + without.seconds
+    if without.nothing or not (without.share or 0.0) > FAR_BETTER * (found.share or 0.0):
+        return replace(found, seconds=seconds)
+    said = f"without the response ({source}) it {without.figure}: try --response none (in Python response='none')"
+    return replace(found, note="; ".join(word for word in (said, found.note) if word), seconds=seconds)
 
 
 NOT_LOOKED_FOR = Explained(None, None, "it was not computed")

@@ -13,7 +13,7 @@ from nlos.acquisition.transient import MOST_COUNTS, SPEED_OF_LIGHT_M_PER_S, Time
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, InvalidSettings, NoLight, ReconstructionFailed
 from nlos.recon.explained import explained_light
-from nlos.recon.explained_share import Explained
+from nlos.recon.explained_share import Explained, blame_response
 from nlos.recon.gridding import confidence
 from nlos.recon.lit_window import lit_window
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
@@ -109,8 +109,8 @@ def explained(
     elsewhere: bool = False,
 ) -> Explained:
     """What a picture of a part of `transient`, in the bins that it came in, explains of the rest: added up, a bin's
-    light passes for noise. Without averages over mirror images, for speed. `elsewhere` as for `reconstruct`. Raises
-    `InvalidSettings`."""
+    light passes for noise. Without averages over mirror images, for speed. `elsewhere` as for `reconstruct`; where
+    little is explained with a response, another picture tells whether that is to blame. Raises `InvalidSettings`."""
     chosen = parse_settings(method, dict(settings or {}))
     quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
     falloff = getattr(chosen, "falloff", None)
@@ -123,9 +123,13 @@ def explained(
 
     falloffs = (4.0, 2.0) if falloff is None else (float(falloff),)
     asked = elsewhere and name_of(method) in TELLING
-    return explained_light(
+    found = explained_light(
         transient, see, falloffs, lambda part: rebin(part, _bin_width_s(chosen, part)), elsewhere=asked
     )
+    if elsewhere and found.little and transient.response is not None:
+        without = explained(replace(transient, response=None), method, settings, device)
+        return blame_response(found, without, transient.response.source)
+    return found
 
 
 def _see(

@@ -12,6 +12,7 @@ import pytest
 import scipy
 from matplotlib.figure import Figure
 
+from nlos.acquisition.response import gaussian
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.picture import Picture
@@ -367,6 +368,18 @@ def test_a_scan_of_noise_is_explained_by_nothing_and_says_so(tmp_path: Path) -> 
     assert read_reconstruction(tmp_path / "dark" / "reconstruction.h5").explained == replace(
         result.explained, seconds=0.0
     )
+
+
+@pytest.mark.parametrize(("fwhm_s", "blamed"), [(1e-10, False), (3e-9, True), (15e-9, True)])
+def test_a_response_that_the_light_does_not_bear_out_is_named(fwhm_s: float, blamed: bool) -> None:
+    scan = replace(drawn(100.0)[1], response=gaussian(fwhm_s, "run.h5: response_fwhm_ps"))
+    told = reconstruct(scan, "lct", elsewhere=True).explained
+    assert told is not None
+    assert told.nothing == (fwhm_s > 1e-8)
+    said = re.search(
+        r"without the response \(run.h5: response_fwhm_ps\) it explains (\d+) .*--response none", str(told.note)
+    )
+    assert (said is not None and int(said[1]) > 50) == blamed, told
 
 
 def test_what_cannot_be_judged_says_why() -> None:
