@@ -2,6 +2,8 @@
 table itself says that the light goes off while it still hangs, and nothing taken before is lost or wrong."""
 
 import functools
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -110,6 +112,30 @@ def test_light_goes_off_while_a_network_share_stalls(
     assert kept.items() <= whole.items()
     monkeypatch.undo()
     assert whole == undisturbed(name, tmp_path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no program is sent these signals there")
+@pytest.mark.usefixtures("watched")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_hang_that_a_person_ended_is_in_the_recording_and_keeps_no_later_scan_from_light(
+    tmp_path: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the page on laser safety says: whoever ended the program knows that it hung, and asks for light anew."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path / "state"))
+    path, run = files(tmp_path, "S3"), tmp_path / "run.h5"
+    with pytest.raises((KeyboardInterrupt, SystemExit)), nlos.open_bench(path) as bench:  # noqa: PT012
+        for taken, _ in enumerate(nlos.scan(tmp_path / "scan.yaml", bench, output=run), start=1):
+            if taken == 30:
+                hang(tmp_path, bench.clock)
+                signal.raise_signal(number)
+    assert light(tmp_path) == ["shutter open", "shutter closed"]
+    with Recording.open(run) as recording:
+        assert "closed: nothing was heard from this program for 2 s with the light on" in [
+            event.text for event in recording.events() if event.kind == "shutter"
+        ]
+    with nlos.open_bench(path) as bench:
+        list(nlos.scan(tmp_path / "scan.yaml", bench, output=run, resume=True))
+    assert light(tmp_path)[-1] == "shutter closed"
 
 
 @pytest.mark.usefixtures("watched")
