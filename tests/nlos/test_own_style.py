@@ -37,6 +37,25 @@ def test_pictures_are_the_same_in_the_style_of_another_program(picture: nlos.Pic
         assert dict(matplotlib.rcParams) == before
 
 
+def test_what_another_thread_sets_while_a_picture_is_drawn_stays() -> None:
+    with matplotlib.rc_context(THEIRS):
+        with own_style():
+            assert matplotlib.rcParams["font.size"] == matplotlib.rcParamsDefault["font.size"]
+            matplotlib.rcParams.update({"lines.linewidth": 7.0, "font.size": 20.0})
+        assert matplotlib.rcParams["lines.linewidth"] == 7.0
+        assert matplotlib.rcParams["font.size"] == 20.0
+        assert matplotlib.rcParams["image.origin"] == "lower"
+
+
+def test_no_other_thread_sees_a_change_where_nothing_was_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    default = {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
+    with matplotlib.rc_context(default):
+        monkeypatch.setattr(matplotlib.RcParams, "__setitem__", lambda *what: pytest.fail(f"{what[1:]} was set"))
+        with own_style():
+            pass
+        monkeypatch.undo()
+
+
 def test_a_picture_that_is_shown_is_readable_in_the_style_of_another_program(
     picture: nlos.Picture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
