@@ -22,6 +22,7 @@ _UNHEEDED = tuple(getattr(signal, name) for name in ("SIGTTOU",) if hasattr(sign
 """It would stop a program in the background that prints (`stty tostop`): it prints all the same."""
 _READS, _STOP = (getattr(signal, name, None) for name in ("SIGTTIN", "SIGSTOP"))
 """What comes to who reads in the background, and what stops it; neither on Windows."""
+_IMPORT = "<frozen importlib._bootstrap>"
 _SOON_S = 0.005
 _ENDING_TAKES_S = 20.0
 """A program that was told to end is told again only after so long: what it still does is bring things to an end."""
@@ -50,6 +51,15 @@ def signal_soon(number: int, after_s: float = _SOON_S) -> None:
             signal.raise_signal(number)
 
     _thread.start_new_thread(raise_it, ())
+
+
+def loads_a_module(frame: FrameType | None, top: FrameType | None = None) -> bool:
+    """Whether an import is under way between the frame `top`, or the program's first one, and `frame`."""
+    while frame is not None and frame is not top:
+        if frame.f_code.co_filename == _IMPORT:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def a_bench_is_open() -> bool:

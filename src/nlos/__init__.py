@@ -44,7 +44,10 @@ if not TYPE_CHECKING:  # which knows the names above, and would take any other f
         """Loads a function of the API when it is first asked for."""
         if name not in _WHERE:
             raise AttributeError(f"module 'nlos' has no attribute '{name}'; it offers {', '.join(sorted(_WHERE))}")
-        value = getattr(import_module(f"nlos.{_WHERE[name]}"), name)
+        from nlos.whole_imports import whole_imports
+
+        with whole_imports():
+            value = getattr(import_module(f"nlos.{_WHERE[name]}"), name)
         globals()[name] = value
         return value
 

@@ -19,10 +19,12 @@ from nlos.recon.errors import InvalidSettings
 from nlos.recon.own_arithmetic import own_arithmetic
 from nlos.response import response_wanted
 from nlos.scan_data import Scan, load
+from nlos.whole_imports import whole_imports
 
 ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
 
+@whole_imports()
 @said_in_python()
 @own_arithmetic()
 def reconstruct(

@@ -14,6 +14,7 @@ from nlos.cli.escaped import escaped
 from nlos.loaded import LoadedScan, load_scan
 from nlos.python_words import said_in_python
 from nlos.recon.own_arithmetic import own_arithmetic
+from nlos.whole_imports import whole_imports
 
 Floats = npt.NDArray[np.float64]
 
@@ -108,6 +109,7 @@ class Scan:
         return png(scan_figure(self.loaded.transient))
 
 
+@whole_imports()
 @said_in_python()
 @own_arithmetic()
 def load(

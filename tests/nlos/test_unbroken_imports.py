@@ -65,3 +65,51 @@ def test_an_import_that_began_before_the_command_keeps_no_ctrl_c_away(tmp_path: 
     code = "try:\n    import script\nexcept KeyboardInterrupt:\n    print('ended')"
     child = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (child.stdout, child.stderr) == ("ended\n", "")
+
+
+FIRST_USE = """
+import signal, sys
+import nlos
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith("PACKAGE.") and not came:
+            came.append(name)
+            signal.raise_signal(signal.SIGINT)
+
+def use():
+    nlos.reconstruct([[[1.0, 9.0, 1.0, 1.0] * 16] * 8] * 8, wall=1.0, bin_width=96e-12)
+    with nlos.open_bench() as bench:
+        next(nlos.scan("five_by_five", bench))
+
+came = []
+sys.meta_path.insert(0, Finder())
+try:
+    use()
+except KeyboardInterrupt:
+    print("interrupted within", "PACKAGE" if came else "")
+use()
+print("used", signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+
+
+@pytest.mark.parametrize("package", ["numpy", "matplotlib", "torch"])
+def test_an_interrupt_within_the_first_use_of_a_session_leaves_it_usable(package: str) -> None:
+    """As that of a notebook's kernel, whose first use imports NumPy, matplotlib and torch."""
+    words = [sys.executable, "-c", FIRST_USE.replace("PACKAGE", package)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    assert done.stdout == f"interrupted within {package}\nused True\n", done.stderr
+
+
+def test_an_interrupt_of_a_script_that_somebody_imports_does_not_wait_for_it(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(
+        "import signal, time\n"
+        "from nlos.whole_imports import whole_imports\n"
+        "with whole_imports():\n"
+        "    signal.raise_signal(signal.SIGINT)\n"
+        "    time.sleep(20)\n"
+        "    print('slept on')\n"
+    )
+    code = "try:\n    import script\nexcept KeyboardInterrupt:\n    print('ended')"
+    child = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (child.stdout, child.stderr) == ("ended\n", "")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from nlos.by_hand.stops import BY_CTRL_Z
 from nlos.cli.agreeing import asked_again, typed
 from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import name_of, signal_soon, tell_to_end
+from nlos.drivers.exit_paths import loads_a_module, name_of, signal_soon, tell_to_end
 
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
@@ -24,7 +24,6 @@ BY_HAND = "Ctrl-C in the terminal"
 _BY_HAND = {"SIGINT": BY_HAND, "SIGTSTP": BY_CTRL_Z}
 _PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasattr(signal, name))
 """Ctrl-Z would stop the program where it is, with the light on."""
-_IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 _BY_SIGNAL = 128
 
@@ -41,19 +40,11 @@ def end_at_interrupts() -> None:
 
 def interrupt(frame: FrameType | None, top: FrameType | None = None) -> None:
     """Raises `KeyboardInterrupt`; where a frame between `frame` and `top` loads a module, a little later."""
-    if _loads_a_module(frame, top):
+    if loads_a_module(frame, top):
         signal_soon(signal.SIGINT, _AGAIN_S)
         return
     tell_to_end()
     raise KeyboardInterrupt
-
-
-def _loads_a_module(frame: FrameType | None, top: FrameType | None) -> bool:
-    while frame is not None and frame is not top:
-        if frame.f_code.co_filename == _IMPORT:
-            return True
-        frame = frame.f_back
-    return False
 
 
 def end_in_order_at_sigterm() -> None:
@@ -67,7 +58,7 @@ def end_in_order_at_sigterm() -> None:
         if os.getpid() != process:  # a child that was forked has nothing to say
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-        elif _loads_a_module(frame, top):
+        elif loads_a_module(frame, top):
             signal_soon(number, _AGAIN_S)
         else:
             tell_to_end()
