@@ -52,9 +52,13 @@ def test_a_command_that_takes_too_long_is_ended_with_all_it_began(
     held = tmp_path / "held"
     os.mkfifo(held)
     reader = os.open(held, os.O_RDONLY | os.O_NONBLOCK)
-    tell(HookSettings(alarm=f"exec 3> {held}; echo begun >&3; sleep 600 & wait", deadline_s=1.5), ENDING)
-    assert "command of run.h5 was not told" in capsys.readouterr().err
-    assert os.read(reader, 100) == b"begun\n"
+    for deadline_s in (1.0, 4.0, 16.0, 64.0):  # a machine that is busy may not begin it in the first
+        tell(HookSettings(alarm=f"exec 3> {held}; echo begun >&3; sleep 600 & wait", deadline_s=deadline_s), ENDING)
+        assert "command of run.h5 was not told" in capsys.readouterr().err
+        if select.select([reader], [], [], 0)[0] and os.read(reader, 100) == b"begun\n":
+            break
+    else:
+        raise AssertionError("it was never begun")
     assert select.select([reader], [], [], 60)[0], "it is still held"
     assert os.read(reader, 100) == b""
     os.close(reader)
@@ -81,7 +85,7 @@ def test_a_web_address_gets_it_as_json() -> None:
 
     server = HTTPServer(("127.0.0.1", 0), Handler)
     with serving(server):
-        tell(HookSettings(webhook=f"http://127.0.0.1:{server.server_port}/x", deadline_s=5.0), ENDING)
+        tell(HookSettings(webhook=f"http://127.0.0.1:{server.server_port}/x", deadline_s=60.0), ENDING)
     assert got == [asdict(ENDING) | {"tags": ["night", "red"]}]
 
 
@@ -89,7 +93,7 @@ def test_a_mail_is_sent() -> None:
     got: list[str] = []
 
     class Handler(socketserver.StreamRequestHandler):
-        timeout = 5
+        timeout = 60
 
         def handle(self) -> None:
             self.wfile.write(b"220 here\r\n")
@@ -115,7 +119,7 @@ def test_a_mail_is_sent() -> None:
     with serving(server):
         port = int(server.server_address[1])
         mail = MailSettings(server="127.0.0.1", port=port, sender="lab@example.org", to=("ada@example.org",))
-        tell(HookSettings(mail=mail, deadline_s=5.0), ENDING)
+        tell(HookSettings(mail=mail, deadline_s=60.0), ENDING)
     letter = "\n".join(got)
     assert "Subject: nlos: alarm: run.h5" in letter
     assert "To: ada@example.org" in letter
@@ -173,7 +177,7 @@ def test_a_web_address_that_answers_badly_harms_no_run(answer: bytes, capsys: py
 
     server = socketserver.TCPServer(("127.0.0.1", 0), Rude)
     with serving(server):
-        tell(HookSettings(webhook=f"http://127.0.0.1:{server.server_address[1]}/", deadline_s=5), ENDING)
+        tell(HookSettings(webhook=f"http://127.0.0.1:{server.server_address[1]}/", deadline_s=60), ENDING)
     assert "webhook of run.h5 was not told" in capsys.readouterr().err
     tell(HookSettings(webhook="http://127.0.0.1:9/a b"), ENDING)
     assert "webhook of run.h5 was not told" in capsys.readouterr().err
