@@ -213,10 +213,15 @@ class Pace:
                 self._number.append(sample.point.number)
                 self._beyond_s.append(beyond_s)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether there were enough points, one after the other, to learn from."""
+        return len(self._number) >= LEAST_TO_LEARN
+
     def host_s(self) -> tuple[float, float]:
         """(seconds per point, seconds per predicted second of settling) by least squares; the model's own settling and
         no host time while there is too little to learn from. Sequences' starts count in the mean, not in the fit."""
-        if len(self._number) < LEAST_TO_LEARN:
+        if not self.is_known:
             return 0.0, 1.0
         beyond_s, settle_s = np.array(self._beyond_s), self._settle_s[self._number]
         usual = beyond_s <= np.quantile(beyond_s, 0.99) + BOUNDARY_S
@@ -237,8 +242,11 @@ class Pace:
 
 
 def learned_links(links: Links, samples: Sequence[Sample], pace: Pace) -> Links:
-    """`links` as a finished scan in scheme S1 on the same bench proved them to be."""
+    """`links` as a finished scan in scheme S1 on the same bench proved them to be; as they are where it has too few
+    points, one after the other, to prove anything."""
     for sample in samples:
         pace.step(sample)
+    if not pace.is_known:
+        return links
     host_s, _ = pace.host_s()
     return replace(links, move_s=max(host_s - links.point_s, 0.0), margin=MARGIN)

@@ -178,6 +178,16 @@ def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan:
     assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
 
 
+def test_of_a_scan_with_too_few_points_nothing_is_learned(bench_settings: Benches, small_plan: Plans) -> None:
+    """Cables would cost no time at all by it, within two per cent."""
+    plan = small_plan(4, 4)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        angles = checked_angles(plan, bench, aim_of(bench))
+        samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
+        known = replace(links_of(bench), margin=0.15)
+        assert learned_links(known, samples, Pace(plan, moves_s(bench, angles))) == known
+
+
 def test_a_disk_without_room_is_refused(small_plan: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = small_plan(100, 100)
     assert disk_bytes(plan) == pytest.approx(100 * 100 * (64 * 4 + 51 + 36), rel=0.5)  # counts, a record, the plan
