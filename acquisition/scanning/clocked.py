@@ -155,6 +155,8 @@ def take(
     for first in range(0, entries, block):
         count = min(block, entries - first)
         span_s = sum(plan.dwells_s[first : first + count]) + count * plan.blanking_s
+        if (due := next((k for k in plan.index[first : first + count] if k >= 0), None)) is not None:
+            watch.awaits(points[due].number)
         try:
             status = counter.wait_points(first + count, timeout_s=span_s + GRACE_S)
         except LightOff:

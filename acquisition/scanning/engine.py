@@ -222,11 +222,14 @@ class _Run:
 
     def _meet(self, trouble: Trouble, number: int | None) -> None:
         """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
-        self._bench.report("alarm", f"{trouble.name}: {sentence(trouble.text)} {DONE[trouble.action]}")
-        if trouble.action is Action.PAUSE:
+        done = trouble.action
+        if done is Action.SKIP and (number is None or not self._left.postpone(number)):
+            done = Action.ABORT
+        self._bench.report("alarm", f"{trouble.name}: {sentence(trouble.text)} {DONE[done]}")
+        if done is Action.PAUSE:
             self._alarm = trouble
             self._control.interrupt(f"alarm: {trouble.text}")
-        elif not (trouble.action is Action.SKIP and number is not None and self._left.postpone(number)):
+        elif done is Action.ABORT:
             raise AlarmRaised("alarm", sentence(trouble.text), trouble.cure)
 
     def _pause(self) -> None:

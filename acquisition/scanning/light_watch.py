@@ -28,6 +28,7 @@ class LightWatch:
         self._judge = None if alarms is None else alarms.judge_trial if trial else alarms.judge
         self._looked_s = bench.clock.now()
         self._asking = False
+        self._awaited: int | None = None
         self.trip: SafetyTrip | None = None
         self.trouble: Trouble | None = None
         self.number: int | None = None
@@ -42,12 +43,16 @@ class LightWatch:
             if self._judge is not None and not self._is_spoilt(sample):
                 self._shut_for(self._judge(sample))
 
+    def awaits(self, number: int) -> None:
+        """The light from now on is this point's, until another one is awaited."""
+        self._awaited = number
+
     def look(self) -> None:
         """Called every 10 ms while points are waited for. Raises `LightOff` with the shutter closed."""
         now_s = self._bench.clock.now()
         if self._asking or not self._bench.shutter.may_be_open or now_s - self._looked_s < LOOK_S:
             return
-        self._looked_s, self._asking, self.number = now_s, True, None
+        self._looked_s, self._asking, self.number = now_s, True, self._awaited
         try:
             rates = self._bench.counter.rates()
         finally:

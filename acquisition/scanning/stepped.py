@@ -35,6 +35,7 @@ def take(
     for index, point in enumerate(points):
         mirror.wait_settled()
         taken_s = clock.now() - under_way.start_s
+        watch.awaits(point.number)
         counter.trigger()
         try:
             if not _dwelt(bench, point.dwell_s, control):

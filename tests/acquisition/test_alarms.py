@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.alarms import BLOCK, AlarmRaised, Alarms, AlarmSettings, Expected
 from nlos.acquisition.scanning.control import ScanControl, ScanState
@@ -191,12 +192,39 @@ def test_skipped_points_come_last_and_are_given_up_in_the_end(bench_settings: Be
     assert taken[:20] == list(range(20))
 
 
-def test_too_many_dark_counts_stop_a_scan_before_the_light_is_on(bench_settings: Benches, small_plan: Plans) -> None:
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+@pytest.mark.parametrize("dwell_ms", [60, 300])
+def test_a_point_that_is_too_bright_is_skipped_however_long_its_dwell(
+    bench_settings: Benches, small_plan: Plans, scheme: Scheme, dwell_ms: float
+) -> None:
+    """In the middle of a long one the rate meter is asked: what it says is said of the point under way."""
+    plan, events = small_plan(3, 3, dwell_ms=dwell_ms), []
+    with open_bench(bench_settings()) as bench:
+        rates = [s.histogram.total_count / s.histogram.live_time_s for s in scan(plan, bench)]
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        bright, limit_hz = int(np.argmax(rates[:-1])), max(rates[:-1]) * 0.9
+        usual = [number for number, rate in enumerate(rates) if rate < limit_hz / 2]
+        assert usual
+        taken: list[int] = []
+        watch = alarms(pile_up=limit_hz / REPETITION_HZ, on_count_rate="skip")
+        with pytest.raises(AlarmRaised, match="pile-up"):
+            taken.extend(sample.point.number for sample in scan(plan, bench, scheme=scheme, alarms=watch))
+    assert bright not in taken
+    assert set(usual) <= set(taken)
+    said = [text for kind, text in events if kind == "alarm"]
+    assert all(text.endswith("The point is left for the end of the scan.") for text in said[:-1])
+    assert said[-1].endswith("The light is off and the scan ends.")
+
+
+@pytest.mark.parametrize("action", ["abort", "pause"])
+def test_too_many_dark_counts_stop_a_scan_before_the_light_is_on(
+    bench_settings: Benches, small_plan: Plans, action: str
+) -> None:
     with open_bench(bench_settings()) as bench:
         events: list[str] = []
         bench.on_event = lambda kind, text: events.append(f"{kind} {text}")
         with pytest.raises(AlarmRaised, match="dark counts"):
-            list(scan(small_plan(), bench, alarms=alarms(max_dark_hz=1.0)))
+            list(scan(small_plan(), bench, alarms=alarms(max_dark_hz=1.0, on_dark_rate=action)))
     assert "shutter opened" not in events
 
 
