@@ -105,6 +105,24 @@ def test_a_pause_discards_the_point_under_way_and_going_on_takes_it_again(
     assert control.state is ScanState.COMPLETE
 
 
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+def test_a_person_may_pause_at_one_point_as_often_as_they_like(
+    bench_settings: Benches, small_plan: Plans, scheme: Scheme
+) -> None:
+    """That no point comes of it is no fault of mirror or counter."""
+    asked: list[str] = []
+    control = ScanControl(lambda why: not asked.append(why))  # type: ignore[func-returns-value]
+    with open_bench(bench_settings()) as bench:
+
+        def pause(kind: str, text: str) -> None:
+            if (kind, text) == ("shutter", "opened") and len(asked) < 6:
+                control.interrupt()
+
+        bench.on_event = pause
+        assert len(list(scan(small_plan(), bench, control=control, scheme=scheme))) == 36
+    assert len(asked) == 6
+
+
 @pytest.mark.parametrize("number", [0, 17, 35])
 def test_a_point_whose_light_a_person_cut_off_at_its_end_is_taken_again(
     bench_settings: Benches, small_plan: Plans, number: int, monkeypatch: pytest.MonkeyPatch
