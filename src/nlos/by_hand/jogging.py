@@ -127,6 +127,9 @@ class Jog:
         except OSError as error:
             self._hand.note(f"not marked: {self._marks.path} cannot be written ({error.strerror})")
             return ""
+        except (InvalidData, UnicodeDecodeError) as error:
+            self._hand.note(f"not marked: {error}")
+            return ""
         bench = self._hand.bench
         if bench.shutter is not None and bench.settings.shutter_on != "nothing" and not self._hand.lit_here:
             self._hand.note("marked with the light off since the beam came here: SPACE, held, shows the spot")

@@ -45,21 +45,28 @@ class Marks:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.count = self.unmeasured = 0
+        self.added = 0
+        """How many spots came through `add`."""
+        self._look()
+
+    def _look(self) -> None:
+        """What is in the table now: between two marks a person may correct it, or put it away."""
+        self.count = self.unmeasured = self._lines = 0
         self._marks: list[Mark] = []
         self._header: list[str] = []
-        self._lines = 0
-        text = path.read_text(encoding="utf-8-sig") if path.exists() else ""
+        text = self.path.read_text(encoding="utf-8-sig") if self.path.exists() else ""
         self._ends_its_line = not text or text.endswith(("\n", "\r"))
         if text.strip():
             rows = text.splitlines()
             self._lines = len(rows)
-            self._header = _header(path, rows)
-            self.count = len(rows) - 1
+            self._header = _header(self.path, rows)
+            self.count = sum(bool(row.strip()) for row in rows) - 1
             self._marks, self.unmeasured = _read(rows)
 
     def add(self, angles: MirrorAngles, measured: tuple[float, float] | None) -> Mark:
-        """One spot, at optical angles; `measured` (x_m, y_m), None to be filled in later."""
+        """One spot, at optical angles; `measured` (x_m, y_m), None to be filled in later. Raises `InvalidData` as the
+        table does, OSError where it cannot be written."""
+        self._look()
         place = ("", "") if measured is None else tuple(f"{each:.5f}" for each in measured)
         x_deg, y_deg = math.degrees(angles.x_rad), math.degrees(angles.y_rad)
         said = dict(zip(COLUMNS, (f"{x_deg:.6f}", f"{y_deg:.6f}", *place), strict=True))
@@ -78,6 +85,7 @@ class Marks:
             file.flush()
             os.fsync(file.fileno())
         self._ends_its_line = True
+        self.added += 1
         self.count += 1
         self.unmeasured += measured is None
         self._lines += 1

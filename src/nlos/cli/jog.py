@@ -42,7 +42,6 @@ def jog(
         book = Marks(table_of_spots)
     except UnicodeDecodeError as error:
         raise UsageError(f"--marks {table_of_spots}: is no text, so no table of spots. Name another file.") from error
-    had = book.count
     with (
         viewer(live, port) as page,
         in_hand(table, {"mirror", "counter"}, light, no_shutter) as hand,
@@ -62,8 +61,8 @@ def jog(
                 hand.update()
                 if page is not None:
                     page.show(hand)
-    if book.count > had:
-        terminal.result(f"{book.path}: {book.count} spots", spots=str(book.path), marked=book.count - had)
+    if book.added:
+        terminal.result(f"{book.path}: {book.count} spots", spots=str(book.path), marked=book.added)
         if book.unmeasured:
             terminal.log(f"{book.unmeasured} spots lack x_m and y_m: write in what the ruler says")
         named = "" if bench is None else f" --bench {bench}"

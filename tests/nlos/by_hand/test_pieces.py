@@ -141,6 +141,25 @@ def test_marks_are_added_by_the_header_of_the_table(tmp_path: Path) -> None:
     assert spots.x_m == pytest.approx([0.3, 0.2, -0.2, 0.3])
 
 
+def test_a_table_may_be_corrected_or_put_away_between_two_marks(tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    marks = Marks(path)
+    for place in ((0.0, 0.0), (0.3, 0.1)):
+        marks.add(MirrorAngles(0.0, 0.0), place)
+    path.write_text("\n".join([*path.read_text().splitlines()[:1], "", "7,1,0.2,0.0"]))  # ends in no line's end
+    new = marks.add(MirrorAngles(0.0, 0.0), (0.2, 0.1))
+    assert (new.line, marks.count, marks.contradicted_by(new, 2.0)) == (4, 2, [])
+    assert read_spots(path).x_m == pytest.approx([0.2, 0.2])
+    path.rename(tmp_path / "older.csv")
+    assert marks.add(MirrorAngles(0.1, 0.0), (0.2, 0.1)).line == 2
+    assert (marks.count, marks.added) == (1, 4)
+    assert read_spots(path).x_m == pytest.approx([0.2])
+    path.write_text("no table\n")
+    with pytest.raises(InvalidData, match="its header has no column"):
+        marks.add(MirrorAngles(0.1, 0.0), (0.2, 0.1))
+    assert path.read_text() == "no table\n"
+
+
 @pytest.mark.parametrize("text", ["", "\n"])
 def test_an_empty_table_gets_its_header_with_the_first_mark(text: str, tmp_path: Path) -> None:
     path = tmp_path / "spots.csv"

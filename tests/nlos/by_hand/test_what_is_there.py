@@ -233,6 +233,25 @@ def test_a_mark_that_contradicts_an_older_one_is_said_at_once_with_both(tmp_path
         assert child.ends() == 0
 
 
+def test_a_table_that_is_spoilt_or_put_away_while_jog_runs_ends_nothing(tmp_path: Path) -> None:
+    table = tmp_path / "spots.csv"
+    words = ("jog", "--bench", str(bench_file(tmp_path)), "--marks", table.name)
+    with at_a_terminal(tmp_path, *words) as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("m", "0 0", "\r")
+        child.wait_for("spot 1 in spots.csv")
+        table.write_text("x,y\n")
+        child.press("m", "0 0", "\r")
+        child.wait_for("not marked: spots.csv: its header has no column")
+        table.unlink()
+        child.press("m", "0 0.001", "\r")
+        child.wait_until(table.exists, "a new table")
+        child.press("q")
+        assert child.ends() == 0
+        assert "spots.csv: 1 spots" in child.said
+    assert [row["y_m"] for row in csv.DictReader(table.open())] == ["0.00100"]
+
+
 def test_monitor_leaves_a_line_of_what_it_saw(tmp_path: Path) -> None:
     words = ("monitor", "--bench", str(bench_file(tmp_path)), "--light", "1", "--log", "m.csv")
     with at_a_terminal(tmp_path, *words) as child:
