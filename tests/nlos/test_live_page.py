@@ -28,7 +28,7 @@ Viewing = Callable[..., AbstractContextManager[Any]]
 SOAK = bool(os.environ.get("NLOS_SOAK"))
 FREE = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
-pattern: {kind: circle, points: 90, radius_m: 0.4}
+pattern: {kind: circle, points: 90, radius_m: 0.3, x_m: 0.15, y_m: -0.1}
 dwell_ms: 5
 histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 """
@@ -97,7 +97,11 @@ def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, t
         plan = viewer.ask("plan?scan=1")
         assert (plan["places"], plan["grid"]) == (90, None)
         x_m, y_m = viewer.array(plan["x_m"]), viewer.array(plan["y_m"])
-        assert np.allclose(np.hypot(x_m, y_m), 0.4, atol=1e-6)
+        assert np.allclose(np.hypot(x_m - 0.15, y_m + 0.1), 0.3, atol=1e-6)
+        for place in (0, 20, 89):
+            said = viewer.ask(f"histogram?scan=1&place={place}")
+            direct_ns = 0.35 + 2e9 * np.sqrt(4.0 + x_m[place] ** 2 + y_m[place] ** 2) / 299792458.0
+            assert said["zero_ns"] == pytest.approx(direct_ns, abs=0.02)
         assert np.isfinite(viewer.array(viewer.ask("rates?scan=1")["rates_hz"])).all()
         assert np.nanmax(viewer.array(viewer.ask("picture?scan=1&method=lct")["albedo"])) > 0.5
         assert viewer.ask("plan?scan=0")["grid"] == [16, 16]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nlos.acquisition.recording.ended_as_asked import word_of
+from nlos.acquisition.scanning.gathering import Gathering
 from nlos.cli.escaped import escaped
 from nlos.live.describe import described, packed, solid
 from nlos.live.file_seen import Seen
@@ -14,7 +15,7 @@ from nlos.live.laser import Light, is_simulated, light_said
 from nlos.live.scan import LiveScan
 
 if TYPE_CHECKING:
-    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.recon.live import LivePicture
 
 ALARMS = {"alarm", "trip"}
@@ -147,7 +148,7 @@ class ScanAnswers:
             raise IndexError("no sample yet")
         with held.lock:
             samples, counts = len(held.samples), held.samples.place_counts(place)
-        arrival_s = None if zero is None else zero.at(*_where_m(held.samples.plan, place))
+        arrival_s = None if zero is None else zero.at(*_where_m(held.samples, place))
         return {
             "samples": samples, "counts": packed(counts),
             "zero_ns": None if arrival_s is None else arrival_s * 1e9,
@@ -167,12 +168,13 @@ class ScanAnswers:
         return number
 
 
-def _where_m(plan: "ScanPlan", place: int) -> tuple[float, float]:
+def _where_m(samples: "Gathering | FreePoints", place: int) -> tuple[float, float]:
     """x and y of a place."""
-    if plan.positions.on_grid:
-        row, col = divmod(place, plan.wall.cols)
-        return float(plan.wall.x_m()[col]), float(plan.wall.y_m()[row])
-    return float(plan.positions.x_m[place]), float(plan.positions.y_m[place])
+    if not isinstance(samples, Gathering):
+        return float(samples.x_m[place]), float(samples.y_m[place])
+    wall = samples.plan.wall
+    row, col = divmod(place, wall.cols)
+    return float(wall.x_m()[col]), float(wall.y_m()[row])
 
 
 def _status(scan: LiveScan, seen: Seen) -> str:
