@@ -17,6 +17,7 @@ from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
 from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
+from nlos.live.gathered import nothing_yet
 from nlos.live.goal import LEVELS, STABLE, SURE, Goal, parse_until
 from nlos.live.good_enough import Enough
 from nlos.live.pace import Pace
@@ -28,7 +29,8 @@ from nlos.recipe import Recipe
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
-from tests.scan_texts import COARSE_TO_FINE, recorded
+from nlos.response import AUTO
+from tests.scan_texts import COARSE_TO_FINE, EIGHT_BY_EIGHT, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -111,6 +113,31 @@ def test_no_picture_is_begun_that_the_end_of_the_scan_would_overtake() -> None:
         pace.saw(hundredth / 100)
     assert pace.left_s(100, 5.0) == pytest.approx(1.0, rel=0.02)
     assert pace.left_s(100, 8.0) == float("inf")  # the scan is paused
+
+
+@pytest.mark.parametrize(
+    "exposure",
+    [
+        "{kind: uniform}",
+        "{kind: two_pass, counts: 100000, again_ms: 20}",
+        "{kind: by_distance, x_m: 0.0, y_m: -0.5, z_m: 0.3}",
+        "{kind: stop_at_counts, counts: 20, from_ns: 10.0, to_ns: 26.0}",
+    ],
+)
+def test_after_a_quarter_of_the_points_a_page_knows_how_long_the_others_take(exposure: str, tmp_path: Path) -> None:
+    """Whatever their dwells are: points to come may be ten times as long as those that came."""
+    text = EIGHT_BY_EIGHT.replace("rows: 8, cols: 8", "rows: 24, cols: 24")
+    run = recorded(tmp_path, text.replace("dwell_ms: 4", f"dwell_ms: 2\nexposure: {exposure}"))
+    with Recording.open(run) as recording:
+        held = nothing_yet(recording, None, AUTO, False, print)
+        assert held.left_s is None
+        expected_s = list[float]()
+        for sample in recording.samples():
+            held.add(sample)
+            assert held.left_s is not None
+            expected_s.append(held.elapsed_s + held.left_s)
+    assert held.left_s == pytest.approx(0.0, abs=1e-9)
+    assert expected_s[len(expected_s) // 4] == pytest.approx(held.elapsed_s, rel=0.3)
 
 
 def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, tmp_path: Path) -> None:

@@ -71,10 +71,9 @@ class ScanAnswers:
         if seen is None or held is None:
             return answer
         with held.lock:
-            done, elapsed_s, busy_s = len(held.samples), held.elapsed_s, held.busy_s
+            done, elapsed_s, left_s = len(held.samples), held.elapsed_s, held.left_s
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
         plan, status = seen.plan, _status(scan, seen)
-        left_s = busy_s / done * (plan.most_samples - done) if done else None
         light = light_said(seen.header, seen.events, status in ("running", "paused"))
         if held.film is not None:
             answer["film"] = {

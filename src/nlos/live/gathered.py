@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Gathered:
-    """The follower's thread adds samples, others ask: whoever looks at `samples` or `recent` holds `lock`."""
+    """The follower's thread adds samples, others ask: whoever looks at `samples`, `recent` or `left_s` holds `lock`."""
 
     samples: "Gathering | FreePoints"
     """What a viewer shows."""
@@ -55,6 +55,9 @@ class Gathered:
 
     def __post_init__(self) -> None:
         self._tell = SaidOnce()
+        self._dwell_s = self._live_s = 0.0
+        """Of the samples so far: as planned, and as measured, which is less where points stop early."""
+        self._planned_s = self.samples.plan.dwell_total_s
 
     def __len__(self) -> int:
         """Samples that there may be a picture of: of a film those up to the end of its newest frame."""
@@ -70,6 +73,17 @@ class Gathered:
         """Samples of the whole scan."""
         return self.samples.plan.most_samples
 
+    @property
+    def left_s(self) -> float | None:
+        """Bench time until the last point of the plan is over, its dwell and what a point has cost beside it so far;
+        None before the first."""
+        done = len(self.samples)
+        if not done:
+            return None
+        beside_s = max(self.busy_s - self._live_s, 0.0) / done
+        lit_s = max(self._planned_s - self._dwell_s, 0.0) * self._live_s / self._dwell_s
+        return max(self.planned - done, 0) * beside_s + lit_s
+
     def add(self, sample: "Sample") -> None:
         """One sample, in the order of the file."""
         with self.lock:
@@ -78,6 +92,8 @@ class Gathered:
                     self.each.add(sample)
                 if self.film is not None:
                     self.film.add(sample)
+                self._dwell_s += sample.point.dwell_s
+                self._live_s += sample.histogram.live_time_s
             self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
             live_s = sample.histogram.live_time_s
             after_s = max(sample.taken_s + live_s - self.elapsed_s, 0.0)
