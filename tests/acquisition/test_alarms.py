@@ -171,6 +171,19 @@ def test_a_pausing_alarm_lets_a_person_mend_it_and_takes_the_points_again(
     assert control.state is ScanState.COMPLETE
 
 
+def test_a_person_who_ends_a_scan_after_an_alarm_was_mended_ends_it(bench_settings: Benches, small_plan: Plans) -> None:
+    """The alarm is over and done with: it is not what ended the scan."""
+    answers, events = iter([True, False]), []
+    control = ScanControl(lambda why: next(answers))
+    watch = alarms(iter([20.0, *[900.0] * 99]), on_disk="pause")
+    with open_bench(bench_settings()) as bench:
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        for _ in scan(small_plan(), bench, control=control, alarms=watch):
+            control.interrupt("Ctrl-C")
+    assert control.state is ScanState.ENDED
+    assert ("scan", "ended while paused by Ctrl-C") in events
+
+
 def test_a_pausing_alarm_off_a_terminal_ends_the_scan(bench_settings: Benches, small_plan: Plans) -> None:
     control = ScanControl()
     with open_bench(bench_settings()) as bench, pytest.raises(AlarmRaised, match="MB are left"):

@@ -179,6 +179,30 @@ def test_decide_ends_a_first_pass_then_the_scan(bench_settings: Benches, small_p
         assert control.state is ScanState.ENDED
 
 
+@pytest.mark.parametrize(
+    ("before", "decided", "answers", "taken"),
+    [
+        (38, [38], [], []),
+        (38, [], [True], []),
+        (10, [10], [True], [36]),
+        (10, [], [True, True], [36]),
+        (0, [], [*[False] * 37, True], list(range(38))),
+    ],
+)
+def test_a_yes_ends_the_pass_that_it_is_of_whenever_it_came(
+    bench_settings: Benches, small_plan: Plans, before: int, decided: list[int], answers: list[bool], taken: list[int]
+) -> None:
+    """Of 36 points in each of two passes `before` were taken earlier; nobody is asked twice about the same samples."""
+    plan = small_plan(exposure={"kind": "two_pass", "counts": 10**6, "again_ms": 4})
+    control, left = ScanControl(), iter(answers)
+    held = dict.fromkeys(range(before), 0)
+    with open_bench(bench_settings()) as bench:
+        samples = list(scan(plan, bench, control=control, taken=held, decided=decided, decide=lambda: next(left)))
+    assert [sample.point.number for sample in samples] == taken
+    assert control.state is ScanState.ENDED
+    assert not list(left)
+
+
 def test_only_what_is_missing_is_taken(bench_settings: Benches, small_plan: Plans) -> None:
     plan = small_plan()
     with open_bench(bench_settings()) as bench:
