@@ -27,6 +27,16 @@ def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys:
     assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
 
 
+def test_a_stage_that_begins_late_is_no_pace(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where a network share takes its time before a file is read: nothing is done yet."""
+    monkeypatch.setattr(terminal, "verbosity", 0)
+    with Progress(4, what="reconstruct", unit="stages", line_s=-1.0) as progress:
+        progress.step(0)
+    assert capsys.readouterr().err.startswith("0 of 4 stages")
+
+
 def test_a_terminal_that_only_shows_text_gets_lines(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -125,7 +125,8 @@ class Progress(_OnScreen):
         else:
             of, left = "", ""
             if self._total is not None:
-                of, left = f" of {self._total}", f", {(self._total - self._done) / rate:.0f} s left"
+                of = f" of {self._total}"
+                left = f", {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
             terminal.log(f"{self._done}{of} {self._unit}, {pace}{left}")
 
     def at(self, stage: str) -> None:
