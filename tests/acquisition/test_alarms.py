@@ -184,6 +184,24 @@ def test_a_person_who_ends_a_scan_after_an_alarm_was_mended_ends_it(bench_settin
     assert ("scan", "ended while paused by Ctrl-C") in events
 
 
+def test_after_a_pause_alarms_are_looked_at_in_the_dark_again(bench_settings: Benches, small_plan: Plans) -> None:
+    """Who went to the table may have filled the disk, or left the lights on."""
+    events: list[tuple[str, str]] = []
+    control = ScanControl(lambda why: True)
+    watch = alarms(iter([900.0, 900.0, 20.0, *[900.0] * 99]), on_disk="pause")
+    with open_bench(bench_settings()) as bench:
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        taken = 0
+        for _ in scan(small_plan(), bench, control=control, alarms=watch):
+            taken += 1
+            if taken == 5:
+                control.interrupt("Ctrl-C")
+    assert taken == 36
+    after = [text for kind, text in events[events.index(("scan", "resumed")) :] if kind in ("scan", "shutter")]
+    assert after[1].startswith("paused: alarm: 20 MB are left")
+    assert after[2:4] == ["resumed", "opened"]
+
+
 def test_a_pausing_alarm_off_a_terminal_ends_the_scan(bench_settings: Benches, small_plan: Plans) -> None:
     control = ScanControl()
     with open_bench(bench_settings()) as bench, pytest.raises(AlarmRaised, match="MB are left"):

@@ -96,7 +96,7 @@ def test_a_pause_discards_the_point_under_way_and_going_on_takes_it_again(
         for sample in scan(plan, bench, control=control):
             samples.append(sample)
             if len(samples) in (5, 20):
-                bench.shutter.close("signal")
+                bench.shutter.hold("signal")  # as a signal's handler does: until somebody goes on
                 control.interrupt("Ctrl-C")
         assert asked == [("Ctrl-C", False), ("Ctrl-C", False)]
     assert [sample.point.number for sample in samples] == list(range(36))
