@@ -151,7 +151,8 @@ class _Run:
         """By how much the mirror trails continuous lines: as known, or measured now; paused and ended as ever."""
         while self._lag is None and self._control.state is ScanState.RUNNING:
             try:
-                self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._under_way)
+                if not self._control.wanted:
+                    self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._under_way)
             except lag_trial.TrialEnded as ended:
                 self._meet(ended.trouble, None)
             if self._lag is None:

@@ -66,6 +66,28 @@ def swept(plan: ScanPlan, bench: Bench, **options: Any) -> tuple[list[Sample], f
     return samples, float(off), lags[-1]
 
 
+@pytest.mark.parametrize("by", ["an alarm", "a signal"])
+def test_no_lag_is_measured_where_a_pause_is_wanted_before_the_light(
+    bright: Benches, small_plan: Plans, by: str
+) -> None:
+    """The measurement needs light, which nobody may have then."""
+    events: list[tuple[str, str]] = []
+    settings = AlarmSettings(max_dark_hz=1.0 if by == "an alarm" else None, on_dark_rate=Action.PAUSE)
+    control = ScanControl()
+    with open_bench(bright()) as bench:
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        alarms = Alarms(settings, bench.settings.laser.repetition_hz)
+        samples = scan(fast_plan(small_plan), bench, scheme=Scheme.SWEPT, control=control, alarms=alarms)
+        if by == "a signal":
+            bench.shutter.hold("SIGINT")
+            control.interrupt()
+            assert list(samples) == []
+        else:
+            with pytest.raises(AlarmRaised, match="dark counts"):
+                list(samples)
+    assert ("shutter", "opened") not in events
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("pattern", ["serpentine", "raster"])
 @pytest.mark.parametrize("servo", [{}, {"bandwidth_hz": 1200.0, "delay_us": 60.0}])
