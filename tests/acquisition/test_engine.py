@@ -123,6 +123,26 @@ def test_a_person_may_pause_at_one_point_as_often_as_they_like(
     assert len(asked) == 6
 
 
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+def test_the_light_is_off_before_gate_and_mirror_are_stopped(
+    bench_settings: Benches, small_plan: Plans, scheme: Scheme, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a pause and at the end: either may take seconds to answer."""
+    control, lit = ScanControl(lambda why: True), list[bool]()
+    with open_bench(bench_settings()) as bench:
+        for device, name in ((bench.counter, "abort"), (bench.mirror, "stop")):
+            told = getattr(device, name)
+            monkeypatch.setattr(device, name, lambda told=told: lit.append(light(bench)) or told())
+        for sample in scan(small_plan(), bench, control=control, scheme=scheme):
+            if sample.point.number == 10:
+                control.interrupt()
+                lit.clear()
+    if scheme is Scheme.CLOCKED:
+        lit.remove(True)  # a sequence that has ended leaves the mirror at rest while its last samples are handed on
+    assert len(lit) >= 4
+    assert not any(lit)
+
+
 @pytest.mark.parametrize("number", [0, 17, 35])
 def test_a_point_whose_light_a_person_cut_off_at_its_end_is_taken_again(
     bench_settings: Benches, small_plan: Plans, number: int, monkeypatch: pytest.MonkeyPatch
