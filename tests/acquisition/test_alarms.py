@@ -150,6 +150,7 @@ def test_an_aborting_alarm_ends_the_scan_with_the_light_off(bench_settings: Benc
         with pytest.raises(AlarmRaised, match=r"pile-up.*--resume"):
             list(scan(small_plan(), bench, control=control, alarms=alarms(pile_up=1e-4)))
         assert not light(bench)
+        bench.shutter.check_trip()  # it is no trip, which somebody has to clear by name
     assert control.state is ScanState.STOPPED
     assert "alarm" in events
 

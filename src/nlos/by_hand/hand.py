@@ -146,7 +146,8 @@ class Hand:
             elif self._something_else_is_wanted():
                 self.note(_BROKEN_OFF)
             return False
-        self.try_to(lambda: self.ask_for_light(HOLD_S if repeats else FIRST_HOLD_S))
+        seconds = min(HOLD_S if repeats else FIRST_HOLD_S, self.bench.settings.alignment.longest_s)
+        self.try_to(lambda: self.ask_for_light(seconds))
         return True
 
     def _look_at_keys(self) -> None:

@@ -304,6 +304,17 @@ def test_without_light_that_was_stated_tab_gives_none(tmp_path: Path) -> None:
     assert not account(tmp_path).lit
 
 
+def test_the_key_gives_light_for_no_longer_than_the_bench_allows_at_once(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"alignment": {"longest_s": 0.4}})
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path)) as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press(" ")
+        child.wait_until(lambda: account(tmp_path).ends_dark and bool(account(tmp_path).lit), "light, and none again")
+        child.press("q")
+        assert child.ends() == 0
+    assert account(tmp_path).lit_s <= 0.4 + STARVED_S
+
+
 def test_a_key_that_was_let_go_during_the_warning_time_gives_no_light(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"arm": {"delay_s": 0.5, "remote": True}})
     with at_a_terminal(tmp_path, "jog", "--bench", str(path)) as child:
