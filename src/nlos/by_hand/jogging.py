@@ -41,7 +41,7 @@ class Jog:
         self._answered: Callable[[str], str] = lambda text: ""
         self._light_s = light_s
         self._seen: list[tuple[float, float, float, float]] = []
-        """Commanded angles and the ruler's place, of this session's marks."""
+        """Commanded angles and the ruler's place, of this session's marks that nobody took out of the table."""
         self._offered: tuple[float, float] | None = None
         self.ended = False
         hand.begin_text = frozenset("gm")
@@ -137,6 +137,7 @@ class Jog:
         if place is None:
             self._hand.note(f"{where}, without a ruler's value: write x_m and y_m into the file")
         else:
+            self._seen = [each for each in self._seen if self._marks.holds(MirrorAngles(*each[:2]), each[2:])]
             at = self._hand.angles
             self._seen.append((at.x_rad, at.y_rad, *place))
             self._hand.note(

@@ -15,6 +15,9 @@ COLUMNS = ("x_deg", "y_deg", "x_m", "y_m")
 SAME_M, OTHER_M = 4e-3, 12e-3
 """On the wall: what is nearer is one place, by a ruler good to a millimetre or two; what is farther is another one."""
 
+_WRITTEN = 1e-4
+"""What numbers lose as they are written, at most: degrees and metres."""
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -91,6 +94,15 @@ class Marks:
         self._lines += 1
         self._marks.append(Mark(self._lines, x_deg, y_deg, measured))
         return self._marks[-1]
+
+    def holds(self, angles: MirrorAngles, place_m: tuple[float, float]) -> bool:
+        """Whether the table, as it was read before the newest mark, says so: a person may have taken it out."""
+        x_deg, y_deg = math.degrees(angles.x_rad), math.degrees(angles.y_rad)
+        said = (x_deg, y_deg, *place_m)
+        return any(
+            each.place_m is not None and math.dist((each.x_deg, each.y_deg, *each.place_m), said) < _WRITTEN
+            for each in self._marks
+        )
 
     def contradicted_by(self, new: Mark, wall_distance_m: float) -> list[Mark]:
         """The other marks, of whatever day, that cannot be true together with this one."""

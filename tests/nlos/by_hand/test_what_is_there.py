@@ -194,6 +194,37 @@ def test_three_marks_name_a_reversed_axis_and_scans_are_told(
     assert "seen by `nlos jog` on" in said
 
 
+def test_scans_are_not_told_of_a_mark_that_was_misread_and_deleted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.001}}})
+    table = tmp_path / "spots.csv"
+
+    def written() -> int:
+        return table.read_text().count("\n") if table.exists() else 1
+
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", table.name) as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        for place, shown, ruler in (
+            ("0 0", "+0.0000   y   +0.0000 m", ""),
+            ("0 0.2", "+0.0000   y   +0.2000 m", ""),
+            ("0.2 0", "+0.2000   y   +0.0000 m", "-0.2 0"),
+            ("0.2 0.1", "+0.2000   y   +0.1000 m", ""),
+        ):
+            child.press("g", place, "\r")
+            child.wait_for(shown)
+            marked = written()
+            child.press("m", ruler, "\r")
+            child.wait_until(lambda: written() > marked, "a mark")  # noqa: B023 - called at once
+            if ruler:
+                table.write_text("\n".join(table.read_text().splitlines()[:-1]) + "\n")
+        child.wait_for("spot 3 in spots.csv")
+        child.press("q")
+        assert child.ends() == 0
+    assert run(["plan", "demo", "--bench", str(path)]) == 0
+    assert "nlos jog" not in capsys.readouterr().err
+
+
 def test_the_ninth_good_mark_is_enough_and_a_mark_in_the_dark_is_warned_of(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.25}}})
     rows = [f"{x},{y},{x / 57.3 * 2 + 0.25},{y / 57.3 * 2}" for x in (-5.0, 0.0, 5.0) for y in (-5.0, 0.0, 5.0)]
