@@ -8,10 +8,11 @@ import pytest
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
-from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost, LimitError, SafetyTrip
+from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost, LimitError, Preempted, SafetyTrip
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.tcspc.counter import CounterStatus
 
@@ -141,6 +142,27 @@ def test_the_light_is_off_before_gate_and_mirror_are_stopped(
         lit.remove(True)  # a sequence that has ended leaves the mirror at rest while its last samples are handed on
     assert len(lit) >= 4
     assert not any(lit)
+
+
+@pytest.mark.parametrize("step", ["rates", "configure"])
+def test_a_step_that_a_signal_broke_into_is_taken_again(
+    bench_settings: Benches, small_plan: Plans, step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before the light, where it may be taken twice: its answer was lost, and with it whether it was done."""
+    plan, cut = small_plan(), [True, True]
+    with open_bench(bench_settings()) as bench:
+        told = getattr(bench.counter, step)
+
+        def broken_into(*given: object) -> object:
+            if cut:
+                cut.pop()
+                raise Preempted(bench.counter.identity.model, "the shutter was closed meanwhile.")
+            return told(*given)
+
+        monkeypatch.setattr(bench.counter, step, broken_into)
+        alarms = Alarms(AlarmSettings(max_dark_hz=1e4), bench.settings.laser.repetition_hz)
+        assert len(list(scan(plan, bench, alarms=alarms))) == 36
+    assert not cut
 
 
 @pytest.mark.parametrize("number", [0, 17, 35])
