@@ -512,8 +512,8 @@ def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_b
     large = page.locator("#banner strong")
     assert large.inner_text() == "The laser may still be on"
     assert page.evaluate(LAMP, "laser")["size"] < float(large.evaluate("e => parseFloat(getComputedStyle(e).fontSize)"))
-    shows(page, "banner", "Treat it as on and see the scan's terminal. The viewer has ended: this page no longer")
-    shows(page, "banner", r"changes. When last seen, at \d\d:\d\d:\d\d: scanning, 72 of 256")
+    shows(page, "banner", "Treat it as on and see the scan's terminal. The viewer has ended, or the way to it")
+    shows(page, "banner", r"This page changes once it answers. When last seen, at \d\d:\d\d:\d\d: scanning, 72 of")
     assert page.evaluate(TAPE) == "banner with tape"
     shows(page, "rateof", "^count rate when last seen$")
     shows(page, "histotitle", r"\(last point taken\)$")
@@ -554,6 +554,28 @@ def test_a_viewer_that_does_not_answer_is_told_and_what_it_last_said_is_not_take
         page.wait_for_function("before => heardMs > before + 1000", arg=before)
         page.unroute_all(behavior="ignoreErrors")
         assert complaints == []
+        page.close()
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [(404, '{"detail": "Not Found"}'), (200, "{}"), (200, '{"scans": []}'), (200, "<p>log in"), (404, "no")],
+)
+def test_the_answer_of_another_program_at_its_address_is_no_word_of_the_viewer(
+    folder: Path, browser: Any, status: int, said: str
+) -> None:
+    """A notebook server, say, that got the port after the viewer had ended, or the network's own page."""
+    with viewed(folder, "run.h5", "--method", "lct", ends=None) as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("body[data-picture]")
+        shows(page, "laser", "^laser off since the scan's end")
+        page.evaluate("scans[0].state.status = 'paused'")
+        page.route("**/state*", lambda route: route.fulfill(status=status, body=said, content_type="application/json"))
+        shows(page, "status", "^No answer: the viewer has ended or is cut off$")
+        shows(page, "laser", "^laser off when last seen")
+        assert [each for each in complaints if "Failed to load" not in each] == []
+        page.unroute("**/state*")
+        shows(page, "status", "^Scan complete$")
         page.close()
 
 

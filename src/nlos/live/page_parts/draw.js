@@ -3,7 +3,7 @@ const $ = id => document.getElementById(id);
 const put = (element, text) => { if (element.textContent !== String(text)) element.textContent = text; }; // words that stay cost no layout
 const LONGEST_MS = 20_000; // an answer that takes longer is asked for anew: a line that was cut may never say so
 const ask = async (path, longestMs = LONGEST_MS) => { const r = await fetch(path, {cache: "no-store", signal: AbortSignal.timeout(longestMs)}); if (!r.ok && r.status !== 404) throw Error(r.status); return r.json(); };
-const noAnswer = error => error instanceof TypeError || error instanceof DOMException || /^[45]/.test(error.message); // else a fault of the page itself
+const noAnswer = error => error instanceof TypeError || error instanceof DOMException || error instanceof SyntaxError || /^[45]/.test(error.message); // SyntaxError: what came is no JSON, but from somebody on the way; else a fault of the page itself
 const LITTLE = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1; // which byte of a number comes first here
 function unpacked(packed) {
   const text = atob(packed.f4), bytes = new Uint8Array(text.length); for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);

@@ -94,7 +94,7 @@ const soFar = state => count(state.samples) + (state.until_stopped ? "" : ` of $
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
   const seen = state.planned ? `When last seen, at ${moment(seenAt)}: ${words(state).toLowerCase()}, ${soFar(state)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
-  if (gone) { const lit = lightOf(state)[1], ended = gone === "ended"; [big, small, kind] = [lit ? "The laser may still be on" : ended ? "The viewer has ended" : "No answer from the viewer", (lit ? "Treat it as on and see the scan's terminal. " : "") + (ended ? (lit ? "The viewer has ended: this" : "This") + " page no longer changes. " : "The viewer is held up, or the way to it is cut: this page changes once it answers. ") + seen + (under ? "The scan itself needs no viewer, and it alone commands the shutter" + (ended ? "; nlos live shows it again." : ".") : ended ? "Start nlos live again to see more." : ""), lit ? "bad" : ""]; }
+  if (gone) { const lit = lightOf(state)[1], ended = gone === "ended"; [big, small, kind] = [lit ? "The laser may still be on" : ended ? "The viewer has ended, or the way to it is cut" : "No answer from the viewer", (lit ? "Treat it as on and see the scan's terminal. " : "") + (ended ? lit ? "The viewer has ended, or the way to it is cut. " : "" : "The viewer is held up, or the way to it is cut. ") + "This page changes once it answers. " + seen + (under ? "The scan itself needs no viewer, and it alone commands the shutter" + (ended ? "; nlos live shows it again." : ".") : ended ? "Start nlos live again to see more." : ""), lit ? "bad" : ""]; }
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
@@ -123,7 +123,7 @@ function tell() {
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
-const GONE = {ended: "No answer: the viewer has ended", silent: "No answer"};
+const GONE = {ended: "No answer: the viewer has ended or is cut off", silent: "No answer"};
 const moment = date => date.toDateString() === new Date().toDateString() ? date.toLocaleTimeString("en-GB") : date.toLocaleString("en-GB"); // a page may have slept for days
 // Silence: an answer that is later than this is told to be missing; whoever comes back to the page waits for one no longer than that.
 const SILENT_MS = 6_000, STATE_MS = 10_000, BACK_MS = 1_000, SIDE_MS = 1_000;
@@ -133,7 +133,7 @@ function silence(why) { gone = why; if (scans.length) { tell(); drawBeside(); } 
 async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
   clearTimeout(timer); if (busy || document.hidden) return; busy = true;
   try {
-    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state", STATE_MS); gone = ""; missed = 0; seenAt = new Date(); heardMs = Date.now();
+    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state", STATE_MS); if (!Array.isArray(got.scans) || !got.scans.length) throw Error(404); /* another program's, where ours was */ gone = ""; missed = 0; seenAt = new Date(); heardMs = Date.now();
     got.scans.forEach(adopt); if (!films || performance.now() - besideAt >= BESIDE_MS) tell(); // what it says comes before its pictures, and without them where they are long in coming
     loading = loading || load(films).catch(error => { if (!noAnswer(error)) throw error; }).finally(() => { loading = null; });
     await Promise.race([loading, new Promise(done => setTimeout(done, SIDE_MS))]);
