@@ -17,6 +17,8 @@ LOOKS_A_FRAME = 5
 FASTEST_POLL_S = 0.01
 NEAR_END_POLL_S = 0.05
 """Once what is left would come by the next look: whoever waits for the last sample does not wait for a look as well."""
+LOOK_AT_LEAST_S = 1.0
+"""How often the file is shown at least while many samples are taken from it in one go, those of before among them."""
 LAST_LOOKS = 5
 """How often a row that is not intact is looked at again before it counts as damaged."""
 LEFT_ALONE_S = 5.0
@@ -31,8 +33,9 @@ def follow(
 ) -> Iterator[Sample]:
     """The intact samples of `path`, those already there first, then each as it is acknowledged, until the scan ends.
 
-    `look` is shown the open recording before the first sample, whenever it was looked at again, and once at the end:
-    whoever wants to know more than samples needs no second handle, which would upset this one.
+    `look` is shown the open recording before the first sample, whenever it was looked at again, every second while many
+    samples are given that were there already, and once at the end: whoever wants to know more than samples needs no
+    second handle, which would upset this one.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
     included. Continues through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that
@@ -51,7 +54,7 @@ def follow(
                 over = recording.status is not Status.RUNNING
                 recording.refresh()
                 look(recording)
-                before = row
+                before, looked_s = row, clock.now()
                 for sample in recording.rows(row):
                     if sample is None:
                         looks += 1
@@ -63,6 +66,9 @@ def follow(
                         given += 1
                         yield sample
                     row, looks, alone_since_s = row + 1, 0, clock.now()
+                    if not over and alone_since_s - looked_s >= LOOK_AT_LEAST_S:
+                        look(recording)
+                        looked_s = clock.now()
                 if over and row >= len(recording):
                     look(recording)
                     return

@@ -153,6 +153,30 @@ def test_a_link_to_a_file_is_followed_through_the_pauses_of_its_scan(
     assert len(list(follow(link, clock=Paused()))) == len(live)
 
 
+def test_a_file_with_many_samples_is_shown_again_while_they_are_given(live: list[Sample], run_path: Path) -> None:
+    """What it says of the light is asked for from it, not from what it said when the first was given."""
+    with Recording.open(run_path) as recording:
+        plan = recording.plan
+    run_path.unlink()
+    clock, shown, given = VirtualClock(), list[tuple[int, list[str]]](), 0
+    with RecordingWriter.create(run_path, plan, Header()) as writer:
+        for sample in live:
+            writer.write(sample)
+        writer.flush()
+
+        def look(recording: Recording) -> None:
+            shown.append((given, [event.text for event in recording.events() if event.kind == "shutter"]))
+
+        for _ in follow(run_path, clock=clock, look=look):
+            given += 1
+            clock.sleep(0.3)
+            if given == 5:
+                writer.log("shutter", "opened")
+            if given == 10:
+                break
+    assert shown == [(0, []), (4, []), (8, ["opened"])]
+
+
 def test_following_waits_for_the_file_no_longer_than_told(tmp_path: Path) -> None:
     clock = VirtualClock()
     with pytest.raises(TimeoutError, match="no recording to follow after 3 s"):

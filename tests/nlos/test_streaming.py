@@ -4,19 +4,23 @@ import json
 import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.calibration.constants import load
 from nlos.calibration.correct import common_bins, correct_known
 from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
+from nlos.drivers.clock import SystemClock
 from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
+from nlos.live.file_seen import Seen
 from nlos.live.gathered import nothing_yet
 from nlos.live.goal import LEVELS, STABLE, SURE, Goal, parse_until
 from nlos.live.good_enough import Enough
@@ -97,6 +101,29 @@ def test_pictures_that_break_off_say_so(run: Path, monkeypatch: pytest.MonkeyPat
     state = ScanAnswers(watched).state()
     assert (state["over"], state["lost"], state["samples"]) == (False, True, 256)
     assert "the pictures stopped because of a bug" in state["message"]
+
+
+@pytest.mark.parametrize(
+    ("said", "age_s", "status", "light"),
+    [("closed", 0, "paused", "off"), ("closed", 60, "unread", "maybe"), ("opened", 60, "unread", "maybe")],
+)
+def test_of_a_file_that_does_not_answer_any_more_nobody_knows_whether_its_laser_is_off(
+    run: Path, tmp_path: Path, said: str, age_s: float, status: str, light: str
+) -> None:
+    """A network disk that hangs, say: what was read before the scan went on is not what is so."""
+    with Recording.open(run) as recording:
+        plan, header = recording.plan, recording.header
+    with RecordingWriter.create(tmp_path / "paused.h5", plan, header) as writer:
+        writer.log("shutter", said)
+        writer.log("scan", "paused: Ctrl-C")
+        writer.flush()
+        watched = LiveScan(tmp_path / "paused.h5", [LiveReconstruction("lct")])
+        with Recording.open(watched.run) as growing:
+            watched.gathered = nothing_yet(growing, None, AUTO, False, print)
+            watched.seen = replace(Seen.of(growing), looked_s=SystemClock().now() - age_s)
+        state = ScanAnswers(watched).state()
+    assert (state["status"], state["light"]) == (status, light)
+    assert state["unread_s"] is None if age_s == 0 else state["unread_s"] >= age_s
 
 
 def test_change_is_what_a_quarter_more_samples_did(run: Path) -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 ALARMS = {"alarm", "trip"}
 """Kinds of events that are counted in the page's head."""
 EVENTS = 200
+UNREAD_S = 6.0
+"""The file of a scan under way is looked at several times a second: what was seen longer ago is not taken for now."""
 
 
 class ScanAnswers:
@@ -75,6 +77,8 @@ class ScanAnswers:
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
         plan, status = seen.plan, _status(scan, seen)
         light = light_said(seen.header, seen.events, status in ("running", "paused"))
+        if status == "unread" and light is Light.OFF:  # it may have been opened since
+            light = Light.MAYBE
         if held.film is not None:
             answer["film"] = {
                 "frame": held.film.shown_frame + 1, "frames": None if plan.until_stopped else plan.frames,
@@ -82,6 +86,7 @@ class ScanAnswers:
                 "dropped": held.film.dropped, "objects": held.film.trails.told,
             }  # fmt: skip
         return answer | {
+            "unread_s": seen.age_s if status == "unread" else None,
             "samples": done, "planned": plan.most_samples, "until_stopped": plan.until_stopped, "status": status,
             "light": light.value,
             "simulated": light not in (Light.REPLAYED, Light.UNTOLD) and is_simulated(seen.header),
@@ -177,7 +182,7 @@ def _where_m(samples: "Gathering | FreePoints", place: int) -> tuple[float, floa
 
 
 def _status(scan: LiveScan, seen: Seen) -> str:
-    """The file's status as `nlos` calls it, or `paused` or `lost`, which it does not know."""
+    """The file's status as `nlos` calls it, or `paused`, `lost` or `unread`, which it does not know."""
     if seen.status.name == "INTERRUPTED" and seen.plan.until_stopped and scan.gathered is not None:
         # That is how it ends, unless all of the wall has not come once.
         return "complete" if len(scan.gathered.samples) >= seen.plan.first_round else "interrupted"
@@ -185,5 +190,7 @@ def _status(scan: LiveScan, seen: Seen) -> str:
         return word_of(seen.status, ((event.kind, event.text) for event in seen.events))
     if scan.error is not None:
         return "lost"
+    if not scan.read and seen.age_s > UNREAD_S:
+        return "unread"
     said = [event.text for event in seen.events if event.kind == "scan"]
     return "paused" if said and said[-1].startswith("paused") else "running"

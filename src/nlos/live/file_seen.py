@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Event, Recording, Status
+from nlos.drivers.clock import SystemClock
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,13 @@ class Seen:
     notes: Mapping[str, str] = field(default_factory=dict)
     """What a person said of the run, by name."""
     header: Header = field(default_factory=Header)
+    looked_s: float = field(default_factory=SystemClock().now)
+    """When that was. A disk that does not answer holds up the next look for as long as it likes."""
+
+    @property
+    def age_s(self) -> float:
+        """How long ago that was, a sleep of the computer counted."""
+        return SystemClock().now() - self.looked_s
 
     @classmethod
     def of(cls, recording: Recording) -> "Seen":

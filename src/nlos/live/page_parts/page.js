@@ -1,5 +1,5 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
-const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
+const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed", unread: "The scan's file cannot be read"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = "", shape = ""; // gone: "" while the viewer answers, "ended", or "silent" where no answer comes
 const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
 const brief = name => name.length > 48 ? `${name.slice(0, 30)}…${name.slice(-15)}` : name; // beside other words; the head of the page has it whole
@@ -98,12 +98,13 @@ function banner(state) {
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
+  else if (state.status === "unread") [big, small, kind] = [mayBeOn(state) ? "The laser may be on" : WORDS.unread, `For ${seconds(state.unread_s)} nothing of the scan's file could be read: its disk or network does not answer, or this computer is very busy. What is shown is of before.` + (mayBeOn(state) ? " Treat the laser as on and see the scan's terminal." : ""), "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.`];
   else if (state.status === "ended as asked") [big, small, kind] = [WORDS[state.status], `the picture was good enough: ${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.` + (state.over ? "" : " The last picture is being made."), "good"];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
-  if (kind === "bad" && state.light && lightOf(state)[1] && (gone || state.status === "paused" || state.status === "lost")) kind = "bad lit"; // about light: no other trouble looks like it
+  if (kind === "bad" && state.light && lightOf(state)[1] && (gone || ["paused", "lost", "unread"].includes(state.status))) kind = "bad lit"; // about light: no other trouble looks like it
   box.hidden = !big; box.className = kind; put(box.firstElementChild, big); put(box.lastElementChild, (big && state.run && !gone ? whose(state) : "") + small);
 }
 // A rate is of now only while points are being taken; else it says of when it is.
