@@ -304,10 +304,22 @@ LABEL = """h => { const said = [];
 """What colourBar writes beside a bar of this height, in a font of 6 pixels a letter."""
 
 
+UPPER_END = """id => { const pencil = $(id).getContext("2d"), ends = []; const drawn = pencil.fillText;
+  pencil.fillText = function (text, ...at) { const m = this.getTransform(); if (m.b < 0) ends.push([text, m.f / devicePixelRatio - this.measureText(text).width / 2]);
+    drawn.call(this, text, ...at); };
+  map.draw(); delete pencil.fillText; return ends.find(end => end[0].endsWith("counts/s")); }"""  # noqa: E501
+"""The label along a bar, and how far below the canvas's upper edge its end is."""
+
+
 def test_the_label_of_a_short_bar_is_not_cut_off(viewer: str, browser: Any) -> None:
     page, _ = opened(browser, viewer)
     assert page.evaluate(LABEL, 400) == ["brightness (relative), hatched: likely no surface"]
     assert page.evaluate(LABEL, 130) == ["brightness (relative)", "hatched: likely no surface"]
+    for width in (360, 1280, 1920):  # on the map of counts there is one line, and little room above it
+        page.set_viewport_size({"width": width, "height": 700})
+        page.wait_for_timeout(300)
+        above, upper = page.evaluate(UPPER_END, "map")
+        assert upper >= 0, (width, above)
     page.close()
 
 

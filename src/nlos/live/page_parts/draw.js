@@ -66,7 +66,8 @@ function colourBar(g, x, y, h, low, high, colour, label) {
   const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(4, h / 45));
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
   const lines = g.measureText(label).width > h + 14 ? label.split(", ") : [label]; // one beside the other where the bar is short
-  g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; lines.forEach((line, i) => g.fillText(line, 0, 13 * i)); g.restore();
+  const middle = Math.max(y + h / 2, Math.max(...lines.map(line => g.measureText(line).width)) / 2 + 2); // not beyond the upper edge
+  g.save(); g.translate(x + 57, middle); g.rotate(-Math.PI / 2); g.textAlign = "center"; lines.forEach((line, i) => g.fillText(line, 0, 13 * i)); g.restore();
 }
 function flatBar(g, x, y, w, low, high, colour, label) {
   const steps = Math.ceil(w); image(g, [], 1, steps, [x, y, w, 12], (_, i) => colour(i / steps));
