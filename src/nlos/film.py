@@ -41,6 +41,8 @@ from nlos.response import say_response, with_response
 log = logging.getLogger(__name__)
 
 LONGEST_SIDE_PX = 384
+BAR_PX, BAR_GREYS = 6, (96, 224)
+"""Height of the bar below a GIF's pictures, and how bright what is still to come and what has been shown are."""
 ENCODING_S = 600.0
 """What ffmpeg gets for a film."""
 _TOO_LARGE = -signal.SIGXFSZ if hasattr(signal, "SIGXFSZ") else None
@@ -216,8 +218,14 @@ def _write_csv(path: Path, names: list[str], rows: list[dict[str, Any]]) -> None
 
 
 def write_gif(path: Path, film: Film) -> None:
-    """The pictures at the pace at which they were taken, in hundredths of a second as GIF has them, 2 at least."""
-    images = [Image.fromarray(each).convert("P", palette=Image.Palette.ADAPTIVE) for each in _drawn(film)]
+    """The pictures at the pace at which they were taken, in hundredths of a second as GIF has them, 2 at least. A bar
+    below each says how far the film is: programs that show a GIF say it nowhere, and start it over and over."""
+    drawn = _drawn(film)
+    images = []
+    for number, picture in enumerate(drawn, 1):
+        bar = np.full((BAR_PX, picture.shape[1], 3), BAR_GREYS[0], dtype=np.uint8)
+        bar[:, : round(picture.shape[1] * number / len(drawn))] = BAR_GREYS[1]
+        images.append(Image.fromarray(np.concatenate([picture, bar])).convert("P", palette=Image.Palette.ADAPTIVE))
     pace_ms = max(round(_pace_s(film) * 100), 2) * 10
     images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=pace_ms, loop=0)
 
@@ -230,14 +238,16 @@ def ffmpeg() -> str:
 
 
 def write_mp4(path: Path, film: Film) -> None:
-    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, it fails or does not end, and
-    `OSError` where the disk does not take the film: ffmpeg says so, and ends as if it were whole."""
+    """The same by the computer's ffmpeg, its table before its pictures: a browser plays it while it loads. Raises
+    `InvalidData` where there is none, it fails or does not end, and `OSError` where the disk does not take the film:
+    ffmpeg says so, and ends as if it were whole."""
     encoder = ffmpeg()
     drawn = _drawn(film)
     rows, cols = drawn.shape[1:3]
     command = [
         encoder, "-loglevel", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{cols}x{rows}",
-        "-r", f"{1 / _pace_s(film):.6f}", "-i", "-", "-pix_fmt", "yuv420p", "-f", "mp4", str(path),
+        "-r", f"{1 / _pace_s(film):.6f}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart",
+        "-f", "mp4", str(path),
     ]  # fmt: skip
     try:
         done = subprocess.run(command, input=drawn.tobytes(), capture_output=True, timeout=ENCODING_S, check=False)

@@ -18,7 +18,7 @@ from nlos.chain import reconstruct_file
 from nlos.cli.app import load_verb
 from nlos.drivers.simulated.motion import pose_at
 from nlos.drivers.simulated.surfaces import Surface
-from nlos.film import film_of, write_film, write_mp4
+from nlos.film import BAR_PX, film_of, write_film, write_gif, write_mp4
 from nlos.recipe import Recipe
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted
@@ -155,6 +155,36 @@ def put_ffmpeg(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str) -> None
     program.write_text(f"#!/bin/sh\n{does}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its ffmpeg is a shell's script")
+def test_an_mp4_is_asked_for_that_plays_while_it_loads(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_ffmpeg(tmp_path, monkeypatch, 'for last; do :; done\necho "$*" > "$last"')
+    write_mp4(tmp_path / "film.mp4", film_of(run, LCT, 8))
+    assert " -movflags +faststart -f mp4 " in (tmp_path / "film.mp4").read_text()
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg on this computer")
+def test_the_table_of_an_mp4_comes_before_its_pictures(run: Path, tmp_path: Path) -> None:
+    write_mp4(tmp_path / "film.mp4", film_of(run, LCT, 1))
+    data = (tmp_path / "film.mp4").read_bytes()
+    assert 0 < data.index(b"moov") < data.index(b"mdat")
+
+
+def test_a_bar_below_a_gif_says_how_far_it_is(run: Path, tmp_path: Path) -> None:
+    film = film_of(run, LCT, 1)
+    write_gif(tmp_path / "film.gif", film)
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert gif.n_frames == len(film.time_s) == 8
+        shown = []
+        for number in range(gif.n_frames):
+            gif.seek(number)
+            bar = np.asarray(gif.convert("L"))[-BAR_PX:]
+            assert (bar == bar[0]).all()
+            shown.append(int(np.count_nonzero(bar[0] > 160)))
+    assert shown == [round(gif.width * (number + 1) / 8) for number in range(8)]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its ffmpeg is a shell's script")
