@@ -29,13 +29,14 @@ from nlos.cli.interrupts import (
     ignore_interrupts,
     never_lose_an_interrupt,
 )
-from nlos.cli.outliving import outlive_terminal
+from nlos.cli.outliving import outlive_terminal, refused_results
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
 from nlos.cli.threads_left import end_within
 from nlos.drivers.exit_paths import was_told_to_end
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
+_STORAGE = 6
 _BY_SIGNAL, _INTERRUPTED, _TERMINATED = 128, 130, 143
 _MOST_BEHIND = 100
 
@@ -63,9 +64,23 @@ def main() -> None:
     except KeyboardInterrupt:  # also one that came when all was done
         ignore_interrupts()
         code = 130
+    code = code_of_results(code)
     end_at_once_at_sigterm()
     end_within(code)
     sys.exit(code)
+
+
+def code_of_results(code: int) -> int:
+    """The exit code of a command that would end with `code`: another where its work is done and its results are not in
+    the file that they were sent to, which is said."""
+    refused = refused_results()
+    if refused is None:
+        return code
+    terminal.log(
+        f"nlos: standard output: write error: {refused.strerror}. What was printed there is not whole; all else is as "
+        "this command left it. Free disk space, or send the output elsewhere.", -9,
+    )  # fmt: skip
+    return code or _STORAGE
 
 
 def run(arguments: list[str]) -> int:

@@ -1,5 +1,7 @@
-"""A command outlives its terminal: whatever happens to its streams, and whenever, it does what it would have done."""
+"""A command outlives its terminal: whatever happens to its streams, and whenever, it does what it would have done.
+Where its results were sent to a file whose disk did not take them, its exit code says so."""
 
+import json
 import os
 import random
 import subprocess
@@ -52,7 +54,8 @@ def is_whole(path: Path) -> bool:
 @pytest.mark.parametrize("streams", STREAMS)
 def test_a_scan_completes_whatever_its_streams_are(tmp_path: Path, streams: str) -> None:
     (tmp_path / "small.yaml").write_text(SCAN)
-    assert bash(f"{NLOS} scan small.yaml -v -o run.h5 {STREAMS[streams]}", tmp_path) == 0
+    lost = " > /dev/full" in f" {STREAMS[streams]}"
+    assert bash(f"{NLOS} scan small.yaml -v -o run.h5 {STREAMS[streams]}", tmp_path) == (6 if lost else 0)
     assert is_whole(tmp_path / "run.h5")
 
 
@@ -91,8 +94,59 @@ def test_other_verbs_end_with_the_code_that_they_would_have_ended_with(
     if makes:
         command += " --overwrite"
     for streams in ("> /dev/full 2> /dev/full", "0<&- >&- 2>&-", "2>&1 | true")[: 3 if SOAK else 1]:
-        assert bash(f"{command} {streams}", tmp_path) == 0
+        assert bash(f"{command} {streams}", tmp_path) == (6 if "full" in streams else 0)
         assert makes is None or (tmp_path / makes).exists()
+
+
+PRINTED = [
+    "--version", "--help", "patterns", "patterns --json", "schema scan", "completion bash", "plan nothing --json",
+]  # fmt: skip
+"""Printed in every way that there is; the last has an error of its own."""
+
+
+@pytest.mark.parametrize("words", PRINTED)
+def test_results_that_their_disk_did_not_take_are_not_called_printed(tmp_path: Path, words: str) -> None:
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([*NLOS.split(), *words.split()], stdout=full, stderr=subprocess.PIPE, cwd=tmp_path)
+    assert ended.returncode == (2 if "nothing" in words else 6)
+    assert (
+        ended.stderr.decode()
+        .splitlines()[-1]
+        .startswith("nlos: standard output: write error: No space left on device. What was printed there is not whole")
+    )
+
+
+@pytest.mark.parametrize("words", PRINTED[:-1])
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path, words: str) -> None:
+    ended = subprocess.run(
+        ["bash", "-c", f"{NLOS} {words} | true; exit ${{PIPESTATUS[0]}}"], stderr=subprocess.PIPE, cwd=tmp_path
+    )
+    assert (ended.returncode, ended.stderr) == (0, b"")
+
+
+def test_a_document_that_a_limit_cut_is_not_called_printed(tmp_path: Path) -> None:
+    script = f"ulimit -f 1; {NLOS} schema scan > scan.json"
+    ended = subprocess.run(["bash", "-c", script], stderr=subprocess.PIPE, cwd=tmp_path)
+    assert ended.returncode == 6
+    assert b"write error: File too large." in ended.stderr
+    assert (tmp_path / "scan.json").stat().st_size <= 1024
+
+
+def test_a_pipe_that_another_program_set_not_to_wait_gets_all(tmp_path: Path) -> None:
+    """Who shares it decides for all: Node.js sets its own so, and hands it to the programs that it starts."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with subprocess.Popen([*NLOS.split(), "schema", "bench"], stdout=writing, cwd=tmp_path) as child:
+        os.close(writing)
+        first = os.read(reading, 1)
+        time.sleep(1.0)  # the pipe fills
+        document = first
+        while more := os.read(reading, 1 << 16):
+            document += more
+    os.close(reading)
+    assert child.returncode == 0
+    assert len(document) > 1 << 16  # more than a pipe holds
+    assert "properties" in json.loads(document)
 
 
 @pytest.mark.sampled(3)

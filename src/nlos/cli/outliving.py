@@ -5,6 +5,8 @@ these is a reason to end a scan in its middle. Nor does light wait for a termina
 connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped, also
 what was waiting for them since before. Nor does a bench that is being closed wait for one, nor the end of a command
 that a signal ended.
+
+Of a file, results that its disk did not take are remembered: somebody will read it, and has to be told.
 """
 
 import os
@@ -33,6 +35,8 @@ class OutlivingStream(PassingStream):
         self._unwaiting = _without_waiting(sent)
         self._is_terminal = self.isatty()
         self._stuck = self._offering = False
+        self.refused: OSError | None = None
+        """Why the disk of the file that this leads to did not take all of it."""
 
     def write(self, text: str) -> int:
         try:
@@ -40,21 +44,29 @@ class OutlivingStream(PassingStream):
                 self._offer(text.encode(self.sent.encoding, "backslashreplace"), self._unwaiting)
             else:
                 self.sent.write(text)
-        except (OSError, ValueError):  # ValueError: closed
-            self._send_to_nowhere()
+        except (OSError, ValueError) as error:  # ValueError: closed
+            self._send_to_nowhere(error)
         return len(text)
 
     def flush(self) -> None:
         try:
             if self._unwaiting is None or not (a_bench_is_open() or self._hurried()):
                 self.sent.flush()  # what was written before the first bench; nothing else is below
-        except (OSError, ValueError):
-            self._send_to_nowhere()
+        except (OSError, ValueError) as error:
+            self._send_to_nowhere(error)
+
+    def complete(self) -> None:
+        """Hands on what is left. A file on a network share says only where it is closed what it did not take."""
+        self.flush()
+        try:
+            os.close(os.dup(self.sent.fileno()))
+        except (OSError, ValueError) as error:
+            self._send_to_nowhere(error)
 
     def _offers(self) -> bool:
         """Whether it is written in pieces: from the first bench on, also when that is closed, so that a signal ends
-        what waits then."""
-        self._offering |= a_bench_is_open()
+        what waits then; and where a program that shares the pipe has it wait for nobody."""
+        self._offering |= a_bench_is_open() or not os.get_blocking(self.sent.fileno())
         return self._offering or self._hurried()
 
     def _hurried(self) -> bool:
@@ -77,10 +89,12 @@ class OutlivingStream(PassingStream):
                 break
         self._stuck = bool(data)
 
-    def _send_to_nowhere(self) -> None:
+    def _send_to_nowhere(self, why: Exception) -> None:
         """What is still buffered goes there too, also when the interpreter flushes for the last time."""
         self._unwaiting = None
         try:
+            if isinstance(why, OSError) and not self._is_terminal and _is_file(self.sent.fileno()):
+                self.refused = self.refused or why
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.sent.fileno())
             os.close(nowhere)
@@ -94,6 +108,12 @@ class OutlivingStream(PassingStream):
             return False
 
 
+def _is_file(number: int) -> bool:
+    """Whether it leads to a file or a device, not to a reader who may leave."""
+    mode = os.fstat(number).st_mode
+    return stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISBLK(mode)
+
+
 def _without_waiting(sent: TextIO) -> int | None:
     """A file number for the same terminal or pipe, writing to which waits for nothing once it says that it has room;
     None where there is none, or no need. A terminal's is its own, so that who shares the terminal waits as before."""
@@ -103,7 +123,8 @@ def _without_waiting(sent: TextIO) -> int | None:
         number = sent.fileno()
         if os.isatty(number):
             return os.open(os.ttyname(number), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
-        return number if stat.S_ISFIFO(os.fstat(number).st_mode) else None
+        mode = os.fstat(number).st_mode
+        return number if stat.S_ISFIFO(mode) or (stat.S_ISSOCK(mode) and not os.get_blocking(number)) else None
     except (OSError, ValueError):
         return None
 
@@ -120,3 +141,13 @@ def outlive_terminal() -> None:
             mode = "r" if name == "stdin" else "w"
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
     sys.stdout, sys.stderr = OutlivingStream(sys.stdout), OutlivingStream(sys.stderr)
+
+
+def refused_results() -> OSError | None:
+    """Why the results that this process printed are not whole in the file that they were sent to; None where they are,
+    where a reader left, and where there was no standard output. To be asked when all is printed."""
+    below = getattr(sys.stdout, "sent", None)
+    if not isinstance(below, OutlivingStream):
+        return None
+    below.complete()
+    return below.refused
