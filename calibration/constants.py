@@ -8,6 +8,7 @@ with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets
 
 import json
 import os
+import secrets
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, read_only
 from nlos.acquisition.recording.disk_refusal import told_of
+from nlos.acquisition.recording.new_name import put_new
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.transient import TimeAxis
@@ -139,7 +141,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
     if constants.geometry is not None:
         about["geometry"] = asdict(constants.geometry)
         about["geometry_errors"] = dict(constants.geometry_errors)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
         with told_of(path, partial), written_hdf5(partial) as file:
             file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
@@ -167,7 +169,10 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
                     file[f"arrivals/{item.name}"] = getattr(constants.arrivals, item.name)
                 file["arrivals/arrival_s"] = constants.arrivals.at(constants.arrivals.x_m, constants.arrivals.y_m)
         with told_of(path, partial):
-            os.replace(partial, path)
+            if overwrite:
+                os.replace(partial, path)
+            else:
+                put_new(partial, path)
     finally:
         partial.unlink(missing_ok=True)
 

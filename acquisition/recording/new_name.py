@@ -10,11 +10,23 @@ def put_new(path: Path, target: Path, other: str = "name") -> None:
     try:
         os.link(path, target)
     except FileExistsError as error:
-        raise _taken(target, other) from error
-    except (OSError, NotImplementedError) as error:  # a file system that knows no second names
-        if os.path.lexists(target):
+        if not os.path.samestat(os.lstat(path), os.lstat(target)):  # a network share asks twice where an answer is lost
             raise _taken(target, other) from error
+    except (OSError, NotImplementedError):
+        _put_without_second_names(path, target, other)
+
+
+def _put_without_second_names(path: Path, target: Path, other: str) -> None:
+    """On memory sticks and some network shares. Of two programs one makes the empty file that the name is taken by."""
+    try:
+        os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    except FileExistsError as error:
+        raise _taken(target, other) from error
+    try:
         path.replace(target)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
 
 
 def _taken(target: Path, other: str) -> FileExistsError:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
@@ -108,6 +109,21 @@ def test_nothing_is_overwritten_unasked(constants: BenchConstants, tmp_path: Pat
         save(constants, tmp_path / "c.h5")
     assert (tmp_path / "c.h5").read_bytes() == before
     save(constants, tmp_path / "c.h5", overwrite=True)
+
+
+def test_constants_that_came_meanwhile_are_kept(
+    constants: BenchConstants, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def others_come(path: Path) -> Iterator[h5py.File]:
+        (tmp_path / "c.h5").write_text("another's")
+        with written_hdf5(path) as file:
+            yield file
+
+    monkeypatch.setattr("nlos.calibration.constants.written_hdf5", others_come)
+    with pytest.raises(FileExistsError, match=r"c\.h5: exists by now"):
+        save(constants, tmp_path / "c.h5")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("c.h5", "another's")]
 
 
 def test_a_full_disk_is_told_of_the_constants_and_leaves_the_old_ones(

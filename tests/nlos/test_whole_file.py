@@ -2,11 +2,15 @@
 
 import os
 import shutil
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.new_name import put_new
 from nlos.whole_file import whole_file
 from tests.command import nlos
 
@@ -61,6 +65,56 @@ def test_a_new_file_takes_no_place_that_was_taken_meanwhile(
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
         "alone.html": "new", "page.html": "another's"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_of_programs_that_give_one_name_at_the_same_time_one_gets_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    if not links:
+        monkeypatch.setattr(os, "link", raising(PermissionError(1, "Operation not permitted")))
+    ready = threading.Barrier(4)
+
+    def gives(number: int, target: Path) -> bool:
+        own = tmp_path / f"{target.name}.{number}"
+        own.write_text(str(number))
+        ready.wait(60)
+        try:
+            put_new(own, target)
+        except FileExistsError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        for tried in range(200):
+            target = tmp_path / f"page-{tried}.html"
+            got = list(pool.map(gives, range(4), [target] * 4))
+            assert got.count(True) == 1
+            assert target.read_text() == str(got.index(True))
+
+
+def test_a_name_whose_taking_the_share_was_asked_twice_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A network share whose first answer was lost says at the second time that the name is there."""
+    real = os.link
+
+    def asked_twice(path: Path, target: Path) -> None:
+        real(path, target)
+        real(path, target)
+
+    monkeypatch.setattr(os, "link", asked_twice)
+    with whole_file(tmp_path / "page.html", new=True) as partial:
+        partial.write_text("new")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"page.html": "new"}
+
+
+def test_a_name_that_could_not_be_given_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "link", raising(PermissionError(1, "Operation not permitted")))
+    monkeypatch.setattr(Path, "replace", raising(OSError(5, "Input/output error", str(tmp_path / "page.html"))))
+    with pytest.raises(StorageError, match="Input/output error"), whole_file(tmp_path / "page.html", new=True) as made:
+        made.write_text("new")
+    assert not list(tmp_path.iterdir())
 
 
 def raising(error: OSError) -> Callable[..., None]:
