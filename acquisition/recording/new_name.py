@@ -25,7 +25,8 @@ def _put_without_second_names(path: Path, target: Path, other: str) -> None:
     try:
         path.replace(target)
     except BaseException:
-        target.unlink(missing_ok=True)
+        if os.path.lexists(path):  # else a signal came when it had its new name already
+            target.unlink(missing_ok=True)
         raise
 
 
