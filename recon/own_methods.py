@@ -5,6 +5,7 @@ What is wrong with either is said with its file and line.
 """
 
 import ast
+import faulthandler
 import hashlib
 import importlib.util
 import inspect
@@ -12,7 +13,7 @@ import logging
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -93,7 +94,7 @@ def with_its_line(method: str, found: Method) -> Iterator[None]:
         yield
         return
     try:
-        with put_back(f"the method {method}"):
+        with _crashes_told(), put_back(f"the method {method}"):
             yield
     except BaseException as error:  # it may raise anything; to its author, file and line say more than a bug
         if isinstance(error, NO_PICTURE) or _is_extra(error) or _is_told(error):
@@ -102,6 +103,20 @@ def with_its_line(method: str, found: Method) -> Iterator[None]:
         raise ReconstructionFailed(
             f"{where}: {said_of(error)}. The method {method} raised this, the scan is as it was."
         ) from error
+
+
+@contextmanager
+def _crashes_told() -> Iterator[None]:
+    """A crash of a method's library in C ends the process: its last words tell the method's own file and line."""
+    told = faulthandler.is_enabled()
+    with suppress(AttributeError, OSError, ValueError, RuntimeError):  # nothing is printed where nobody would see it
+        if not told:
+            faulthandler.enable()
+    try:
+        yield
+    finally:
+        if not told:
+            faulthandler.disable()
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import types
@@ -17,6 +18,7 @@ import nlos
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.cli.exit_codes import exit_code
+from nlos.configs.load import find as find_file
 from nlos.recon.errors import InvalidSettings, ReconError, ReconstructionFailed
 from nlos.recon.evaluate import evaluate
 from nlos.recon.live import LiveReconstruction
@@ -256,6 +258,23 @@ def test_a_watchdog_that_finds_it_hanging_ends_the_program(tmp_path: Path) -> No
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (42, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows tells of a crash in another way")
+def test_a_crash_of_its_library_names_its_line_and_leaves_a_whole_recording_in_the_dark(tmp_path: Path) -> None:
+    assert MAKES in TEXT
+    (tmp_path / "crash.py").write_text(TEXT.replace(MAKES, "__import__('ctypes').string_at(0)"), encoding="utf-8")
+    bench = find_file("bench", "simulated").read_text()
+    (tmp_path / "bench.yaml").write_text(bench.replace("simulation:\n", "simulation:\n  witness: witness.txt\n"))
+    words = ["scan", "five_by_five", "--bench", "bench.yaml", "-o", "run.h5", "--reconstruct", "./crash.py"]
+    done = subprocess.run(
+        [sys.executable, "-m", "nlos", *words], cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False
+    )
+    assert done.returncode == -signal.SIGSEGV
+    assert re.search(r'crash.py", line \d+ in forward', done.stderr), done.stderr
+    light = re.findall("shutter (.*)", (tmp_path / "witness.txt").read_text())
+    assert light == ["open", "closed"]
+    command_nlos(tmp_path, "verify", "run.h5", check=True)
 
 
 def test_what_lies_beside_it_cannot_end_the_command_either(scan: Transient, tmp_path: Path) -> None:
