@@ -67,6 +67,14 @@ def test_it_is_scanned_with_asked_for_and_looked_for(tmp_path: Path) -> None:
     done = nlos(lab, "new", "bench", "--simulated", "--no-check", *answers, "-o", "made.yaml")
     assert done.returncode == 0, done.stderr
     assert (lab / "made.yaml").read_text("utf-8").count("volts_per_degree: 0.8") == 2
+    done = nlos(
+        lab, "new", "bench", "--simulated", "--no-check", *answers, "--answer=counter=picoquant", "-o", "ttl.yaml"
+    )
+    assert (done.returncode, "--answer shutter_line=..." in done.stderr) == (2, True), done.stderr
+    line = ("--answer=counter=picoquant", "--answer=shutter_line=Dev1/port0/line0")
+    done = nlos(lab, "new", "bench", "--simulated", "--no-check", *answers, *line, "-o", "ttl.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "shutter_line: Dev1/port0/line0" in (lab / "ttl.yaml").read_text("utf-8")
     real = BENCH.partition("simulation:")[0].replace("library: simulated", "library: vendor")
     (lab / "real.yaml").write_text(real, "utf-8")
     (lab / "site" / "nidaqmx.py").write_text("raise ImportError('it is not here')", "utf-8")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import radians, tan
 
+from nlos.configs.describe import describe
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
@@ -131,11 +132,11 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         text = "what closes the laser's shutter (none: nothing that this program drives)"
         return Question("shutter", text, outputs[0], outputs)
 
-    def shutter_pin(said: Answers) -> Question | None:
-        output = MIRRORS[said["mirror"]].shutters.get(said["shutter"])
-        if output is None or output.needs != "shutter_pin":
-            return None
-        return Question("shutter_pin", "the controller's TTL output that the shutter is wired to", "9", number=(9, 16))
+    def shutter_output(said: Answers) -> Question | None:
+        needs = shutter_key(said)
+        if needs == "shutter_pin":
+            return Question(needs, "the controller's TTL output that the shutter is wired to", "9", number=(9, 16))
+        return Question(needs, describe(mirror_of(said))[needs].what) if needs else None  # of another package
 
     def half_width(said: Answers) -> Question | None:
         reach_deg = min(2 * float(said.get("max_mechanical_deg", _USUAL_REACH_DEG)), 60.0)
@@ -167,9 +168,15 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         sync_input, inputs,
         pulse("sync_pulse", "the laser's sync pulse"), pulse("detector_pulse", "the detector's pulse"),
         markers, pixel_clock,
-        shutter, shutter_pin, lambda said: wall, lambda said: lever, lambda said: right, lambda said: above,
+        shutter, shutter_output, lambda said: wall, lambda said: lever, lambda said: right, lambda said: above,
         lambda said: yaw, lambda said: pitch, half_width, half_height, lambda said: laser,
     ]  # fmt: skip
+
+
+def shutter_key(said: Answers) -> str:
+    """The key of the mirror's block that says where the shutter is wired to; empty where it has none."""
+    output = MIRRORS[said["mirror"]].shutters.get(said["shutter"])
+    return "" if output is None else output.needs
 
 
 def has_channels(settings: type[CounterBlock]) -> bool:

@@ -14,7 +14,7 @@ from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.attenuators import attenuator
-from nlos.new_bench.questions import has_channels, keys_of_axis
+from nlos.new_bench.questions import has_channels, keys_of_axis, shutter_key
 
 _COMMENT_AT, _WIDTH = 38, 120
 _HEAD = """\
@@ -32,8 +32,8 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
             mirror[axis] = {**({"dac": number} if has_dac else {}), "volts_per_degree": volts}
     if "max_mechanical_deg" in said:
         mirror["max_mechanical_deg"] = float(said["max_mechanical_deg"])
-    if "shutter_pin" in said:
-        mirror["shutter_pin"] = int(said["shutter_pin"])
+    if key := shutter_key(said):
+        mirror[key] = int(said[key]) if said[key].isdecimal() else said[key]
     half_m, half_height_m = float(said["half_m"]), float(said["half_height_m"])
     found = {
         "name": name,
