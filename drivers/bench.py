@@ -1,7 +1,9 @@
 """Everything on the optical table: opened together, the light shut first whatever happens, and closed in order."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from threading import Lock
 
 from nlos.drivers.arming import Agree, Arming
@@ -25,6 +27,7 @@ from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
 from nlos.drivers.trip_latch import TripLatch
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
+_log = logging.getLogger(__name__)
 
 
 class Bench:
@@ -142,7 +145,7 @@ def open_bench(
         silence = None if settings.shutter_on == "nothing" else Silence(clock, settings.safety.watchdog_s)
         log = heard_by(silence, wire_log)
         closing = Closing(events, clock)
-        stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
+        paths = stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
             inner: LaserShutter = NoShutter()
             # What drives the shutter comes first and makes it dark: the other one may hang, crash or be cut short.
@@ -160,6 +163,7 @@ def open_bench(
                 mirror = closing.mirror = open_mirror(settings.mirror, clock, log, mirror_end)
             arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch, arming)
+            shutter.before_light = partial(_tell_of_handlers, paths, events)
             shutter.listen(silence)
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
@@ -167,3 +171,14 @@ def open_bench(
             for warning in bench.warnings:
                 events.report("warning", warning)
             yield bench
+
+
+def _tell_of_handlers(paths: ExitPaths, events: EventLog) -> None:
+    """Says which signals no longer shut the light, once each: a scan of another program's may be paused by them."""
+    if names := paths.newly_taken_over():
+        said = (
+            f"{names} no longer shuts the light: this program has set another handler since the bench was opened. Open "
+            "the bench after that handler is set."
+        )
+        _log.warning(said)
+        events.report("warning", said)

@@ -18,6 +18,7 @@ _REAL_TIME = range(signal.SIGRTMIN, signal.SIGRTMAX + 1) if hasattr(signal, "SIG
 _SIGNALS = (*(getattr(signal, name) for name in _ENDS if hasattr(signal, name)), *_REAL_TIME)
 """All that end a program, or stop it (Ctrl-Z), unless it is told otherwise: a stopped one cannot close anything.
 SIGABRT is how systemd ends a service whose watchdog ran out."""
+_BY_PEOPLE = {getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)}
 _UNHEEDED = tuple(getattr(signal, name) for name in ("SIGTTOU",) if hasattr(signal, name))
 """It would stop a program in the background that prints (`stty tostop`): it prints all the same."""
 _READS, _STOP = (getattr(signal, name, None) for name in ("SIGTTIN", "SIGSTOP"))
@@ -94,6 +95,10 @@ def tell_to_end(told: bool = True) -> None:
     _told_to_end = told
 
 
+def _ends_the_light(handler: Any) -> bool:
+    return handler is signal.default_int_handler or getattr(handler, "__func__", None) is ExitPaths._on_signal
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """While the block runs, a signal shuts the light and waits: for the few steps that must not be cut in two, such as
@@ -144,6 +149,7 @@ class ExitPaths:
         self._ending: BaseException | None = None
         self._ending_s = 0.0
         self._unraisable = sys.unraisablehook
+        self._named: set[int] = set()
         self.held = 0
         """How many blocks want to be `undisturbed`."""
 
@@ -179,6 +185,14 @@ class ExitPaths:
 
     def _handler(self, number: int) -> Any:
         return signal.SIG_IGN if number in _UNHEEDED else self._on_signal
+
+    def newly_taken_over(self) -> str:
+        """Which of the signals that people and systems end programs by another handler answers since this was entered,
+        each named once; empty where none. Another bench's passes them on, Python's own ends whatever is under way."""
+        new = sorted(self._previous.keys() & _BY_PEOPLE - self._named)
+        new = [number for number in new if not _ends_the_light(signal.getsignal(number))]
+        self._named.update(new)
+        return ", ".join(map(name_of, new))
 
     def close_once(self) -> None:
         """Calls `close`, unless that was done."""

@@ -47,6 +47,7 @@ class GuardedShutter:
         self._held = ""
         self.when_held: Callable[[str], None] = lambda why: None
         """Told of every `hold`: a scan from Python drops its point and ends, whatever is made of the signal."""
+        self.before_light: Callable[[], None] = lambda: None
         self._for_good = False
         self._opening = threading.RLock()
         self._arming = arming
@@ -122,6 +123,7 @@ class GuardedShutter:
                 self._events.report("shutter", "asked to open: stays closed in a dry run")
             return
         self._check_heard()
+        self.before_light()
         if (watchdog := self._watchdog) is not None:
             watchdog.arm_watchdog(self._settings.watchdog_s)
             self._watching = True

@@ -119,3 +119,20 @@ def test_a_scan_after_one_that_a_signal_ended_has_its_light(handled: int) -> Non
         again = next(whole := nlos.scan(SCAN, bench))
         whole.close()
         assert (again.histogram.counts == first.histogram.counts).all()
+
+
+def test_a_handler_that_takes_a_signal_from_an_open_bench_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    """As Bluesky's engine takes Ctrl-C: the light stays on, whatever is pressed."""
+    with nlos.open_bench(STEPPED) as outer, nlos.open_bench("optotune") as bench:
+        outer.shutter.open()  # the other bench hands signals on
+        bench.shutter.open()
+        assert not caplog.messages
+        before = signal.signal(signal.SIGINT, lambda number, frame: None)
+        try:
+            for _ in range(2):
+                bench.shutter.close()
+                bench.shutter.open()
+        finally:
+            signal.signal(signal.SIGINT, before)
+        (said,) = caplog.messages
+        assert said.startswith("SIGINT no longer shuts the light")
