@@ -54,6 +54,9 @@ def monitor(
     if log is not None:
         log_target(log, overwrite)
     table = load_bench(bench)
+    period_s = 1 / table.settings.laser.repetition_hz
+    if window is not None and window[0] >= period_s:
+        raise UsageError(f"--gate {gate}: must begin within the laser's period of {period_s * 1e9:g} ns")
     wanted = {"counter"} | (set() if at is None else {"mirror"})
     with (
         viewer(live, port) as page,
