@@ -3,6 +3,7 @@
 import errno
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -71,6 +72,13 @@ def test_the_laser_must_pulse_as_the_bench_file_says(sync_hz: float, stands: boo
 
 def test_short_dwells_do_not_look_like_a_wrong_pulse_rate() -> None:
     assert alarms().judge(sample_at(1, live_s=1.3e-6)) is None
+
+
+def test_a_point_without_any_live_time_is_not_judged() -> None:
+    """As one that is kept with its flags after it was lost three times."""
+    nothing = replace(sample_at(0), histogram=replace(sample_at(0).histogram, live_time_s=0.0, sync_count=0))
+    assert alarms().judge(nothing) is None
+    assert alarms().judge_trial(nothing) is None
 
 
 @pytest.mark.parametrize(("pulses", "stands"), [(7, True), (8, True), (9, False), (11, False), (12, True)])
