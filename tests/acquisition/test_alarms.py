@@ -168,6 +168,22 @@ def test_no_photons_where_there_were_some_is_noticed_only_when_it_cannot_be_chan
     assert all(dark.judge(sample_at(0)) is None for _ in range(1000))
 
 
+@pytest.mark.parametrize("key", ["on_dark_rate", "on_aim", "on_blank"])
+def test_so_do_those_of_the_dark_and_of_no_light_at_all(key: str) -> None:
+    keys = ("on_sync", "on_count_rate", "on_dark_rate", "on_blank", "on_direct", "on_aim", "on_disk")
+    chosen = {each: "skip" if each == key else "pause" for each in keys}
+    settings_ = AlarmSettings.model_validate({**chosen, "max_dark_hz": 10.0 if key == "on_dark_rate" else None})
+    watch = Alarms(settings_, REPETITION_HZ, expected=Expected(aim="it goes elsewhere" if key == "on_aim" else ""))
+    counter = SimpleNamespace(rates=lambda: CountRates(REPETITION_HZ, 50.0))
+    bench = cast(Bench, SimpleNamespace(counter=counter, settings=SimpleNamespace(shutter_on="counter")))
+    trouble = watch.before(bench)
+    for photons in [100] * 10 + [0] * 10 if key == "on_blank" else []:
+        trouble = watch.judge(sample_at(photons))
+    assert trouble is not None
+    assert trouble.action is Action.SKIP
+    assert (watch.before(bench) is None) == (key != "on_dark_rate")  # an aim is said once: who goes on has decided
+
+
 def test_the_state_machine_knows_its_moves() -> None:
     control = ScanControl(lambda why: why == "go")
     with pytest.raises(RuntimeError, match="ready cannot become paused"):
