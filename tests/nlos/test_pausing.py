@@ -44,12 +44,14 @@ def test_nothing_is_at_stake_while_a_scan_is_paused(tmp_path: Path) -> None:
         said, until_s = b"", time.monotonic() + 240
         while not (witness.exists() and witness.read_text().count("beam to") > 100) and time.monotonic() < until_s:
             time.sleep(0.01)
+        os.write(terminal, b"\n\n")  # as somebody does who looks on: no answer to what is asked later
         child.send_signal(signal.SIGINT)
         while b"paused" not in said:
             said += os.read(terminal, 4096)
-        paused_at = acknowledged(run)
-        time.sleep(0.2)  # it asks only after it has said so
         lit = witness.read_text().count("shutter open")
+        paused_at = acknowledged(run)
+        time.sleep(0.5)  # it asks only after it has said so
+        assert witness.read_text().count("shutter open") == lit, "light for an Enter of before the pause"
         os.write(terminal, b"go \xff\n")
         while b"Enter alone resumes" not in said:
             said += os.read(terminal, 4096)

@@ -5,12 +5,17 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from nlos.by_hand.stops import CTRL_Z, STOP
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import light_may_be_on
+
+try:
+    import termios
+except ImportError:  # Windows
+    termios = None  # type: ignore[assignment]
 
 
 def somebody_is_there() -> bool:
@@ -53,6 +58,14 @@ def answer(question: str) -> str | None:
             return typed().lower()
     except EOFError:
         return None
+
+
+def forget_what_was_typed() -> None:
+    """Just before a question whose answer gives light: a key that was pressed before it answers nothing. A terminal
+    does so itself at Ctrl-C, and at no other pause."""
+    if termios is not None:
+        with suppress(termios.error, OSError, ValueError):  # the terminal is gone, or there is none
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
 
 def typed() -> str:

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from nlos.by_hand.stops import BY_CTRL_Z
-from nlos.cli.agreeing import asked_again, typed
+from nlos.cli.agreeing import asked_again, forget_what_was_typed, typed
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import loads_a_module, name_of, signal_soon, tell_to_end
 
@@ -138,6 +138,7 @@ class Interrupts:
         self._asking = True
         try:
             with asked_again(ask):
+                forget_what_was_typed()
                 ask()
                 while typed():
                     terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
