@@ -54,6 +54,7 @@ def answer(question: str) -> str | None:
 
     try:
         with asked_again(ask):
+            forget_what_was_typed()
             ask()
             return typed().lower()
     except EOFError:
@@ -61,8 +62,8 @@ def answer(question: str) -> str | None:
 
 
 def forget_what_was_typed() -> None:
-    """Just before a question whose answer gives light: a key that was pressed before it answers nothing. A terminal
-    does so itself at Ctrl-C, and at no other pause."""
+    """Just before a question whose answer gives light, or moves a mirror: a key that was pressed before it answers
+    nothing. A terminal forgets by itself at Ctrl-C alone."""
     if termios is not None:
         with suppress(termios.error, OSError, ValueError):  # the terminal is gone, or there is none
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
