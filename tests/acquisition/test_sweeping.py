@@ -285,14 +285,16 @@ def test_lines_end_where_steps_or_dwells_change() -> None:
 
 @pytest.mark.parametrize("action", ["abort", "pause"])
 def test_the_scans_alarms_stand_while_the_lag_is_measured_too(bright: Benches, small_plan: Plans, action: str) -> None:
-    asked: list[str] = []
+    asked, kinds = list[str](), list[str]()
     control = ScanControl(lambda why: bool(asked.append(why)))
     chosen = bright()
     watch = Alarms(AlarmSettings(pile_up=1e-4, on_count_rate=Action(action)), chosen.laser.repetition_hz)
     with open_bench(chosen) as bench:
+        bench.on_event = lambda kind, text: kinds.append(kind)
         with pytest.raises(AlarmRaised, match="pile-up"):
             list(scan(fast_plan(small_plan), bench, scheme=Scheme.SWEPT, control=control, alarms=watch))
         assert bench.simulated is not None
         assert not bench.simulated.shutter_open
     assert len(asked) == (action == "pause")
+    assert "lag" not in kinds
     assert control.state is ScanState.STOPPED
