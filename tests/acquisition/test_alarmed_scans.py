@@ -131,7 +131,9 @@ def test_a_point_that_is_too_bright_is_skipped_however_long_its_dwell(
             taken.extend(sample.point.number for sample in scan(plan, bench, scheme=scheme, alarms=watch))
     assert bright not in taken
     assert set(usual) <= set(taken)
-    said = [text for kind, text in events if kind == "alarm"]
+    raised = [place for place, (kind, _) in enumerate(events) if kind == "alarm"]
+    assert all(events[place - 1] == ("shutter", "closed: alarm: count rate") for place in raised)  # before all else
+    said = [events[place][1] for place in raised]
     assert all(text.endswith("The point is left for the end of the scan.") for text in said[:-1])
     assert said[-1].endswith("The light is off and the scan ends.")
 
