@@ -48,38 +48,6 @@ def test_the_counter_is_watched_without_the_mirror(tmp_path: Path, capsys: pytes
     assert not moved(tmp_path)
 
 
-@pytest.mark.parametrize(("gate", "holds_it"), [("12.5:15", True), ("80:99", False)])
-def test_a_part_of_the_period_is_watched(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], gate: str, holds_it: bool
-) -> None:
-    log, path = tmp_path / "log.csv", bench_file(tmp_path)
-    words = ["monitor", "--bench", str(path), "--at", "0", "0", "--light", "1", "--for", "1.2", "--gate", gate]
-    assert run([*words, "--log", str(log)]) == 0
-    found = [float(row["direct_ns"]) for row in csv.DictReader(log.open()) if row["direct_ns"]]
-    assert bool(found) == holds_it
-    assert found == pytest.approx([13.69] * len(found), abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("gate", "why"),
-    [
-        ("x:3", "two times in ns"),
-        ("10", "two times in ns"),
-        ("1:2:3", "two times in ns"),
-        ("5:5", "end after its beginning"),
-        ("-1:4", "begin at 0 or later"),
-        ("0:inf", "end after its beginning"),
-        ("nan:4", "end after its beginning"),
-        ("100:120", "must begin within the laser's period of 100 ns"),
-    ],
-)
-def test_what_is_no_part_of_the_period_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], gate: str, why: str
-) -> None:
-    assert run(["monitor", "--bench", str(bench_file(tmp_path)), "--for", "0.2", f"--gate={gate}"]) == 2
-    assert why in capsys.readouterr().err
-
-
 def test_the_mirror_is_moved_without_the_counter_only_where_somebody_answers_for_the_light(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -226,37 +194,6 @@ def test_three_marks_name_a_reversed_axis_and_scans_are_told(
     assert "seen by `nlos jog` on" in said
 
 
-def test_scans_are_not_told_of_a_mark_that_was_misread_and_deleted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.001}}})
-    table = tmp_path / "spots.csv"
-
-    def written() -> int:
-        return table.read_text().count("\n") if table.exists() else 1
-
-    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", table.name) as child:
-        child.wait_until(lambda: bool(child.frames), "a screen")
-        for place, shown, ruler in (
-            ("0 0", "+0.0000   y   +0.0000 m", ""),
-            ("0 0.2", "+0.0000   y   +0.2000 m", ""),
-            ("0.2 0", "+0.2000   y   +0.0000 m", "-0.2 0"),
-            ("0.2 0.1", "+0.2000   y   +0.1000 m", ""),
-        ):
-            child.press("g", place, "\r")
-            child.wait_for(shown)
-            marked = written()
-            child.press("m", ruler, "\r")
-            child.wait_until(lambda: written() > marked, "a mark")  # noqa: B023 - called at once
-            if ruler:
-                table.write_text("\n".join(table.read_text().splitlines()[:-1]) + "\n")
-        child.wait_for("spot 3 in spots.csv")
-        child.press("q")
-        assert child.ends() == 0
-    assert run(["plan", "demo", "--bench", str(path)]) == 0
-    assert "nlos jog" not in capsys.readouterr().err
-
-
 def test_the_ninth_good_mark_is_enough_and_a_mark_in_the_dark_is_warned_of(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.25}}})
     rows = [f"{x},{y},{x / 57.3 * 2 + 0.25},{y / 57.3 * 2}" for x in (-5.0, 0.0, 5.0) for y in (-5.0, 0.0, 5.0)]
@@ -294,25 +231,6 @@ def test_a_mark_that_contradicts_an_older_one_is_said_at_once_with_both(tmp_path
         child.wait_until(lambda: all(each in child.frames[-1][1] for each in both), "both on one screen of 80 columns")
         child.press("q")
         assert child.ends() == 0
-
-
-def test_a_table_that_is_spoilt_or_put_away_while_jog_runs_ends_nothing(tmp_path: Path) -> None:
-    table = tmp_path / "spots.csv"
-    words = ("jog", "--bench", str(bench_file(tmp_path)), "--marks", table.name)
-    with at_a_terminal(tmp_path, *words) as child:
-        child.wait_until(lambda: bool(child.frames), "a screen")
-        child.press("m", "0 0", "\r")
-        child.wait_for("spot 1 in spots.csv")
-        table.write_text("x,y\n")
-        child.press("m", "0 0", "\r")
-        child.wait_for("not marked: spots.csv: its header has no column")
-        table.unlink()
-        child.press("m", "0 0.001", "\r")
-        child.wait_until(table.exists, "a new table")
-        child.press("q")
-        assert child.ends() == 0
-        assert "spots.csv: 1 spots" in child.said
-    assert [row["y_m"] for row in csv.DictReader(table.open())] == ["0.00100"]
 
 
 def test_monitor_leaves_a_line_of_what_it_saw(tmp_path: Path) -> None:
