@@ -55,7 +55,7 @@ def test_a_bar_shows_a_files_name_as_it_is_and_obeys_it_in_nothing(monkeypatch: 
     monkeypatch.setattr(screen, "isatty", lambda: True)
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "140")
+    monkeypatch.setenv("COLUMNS", "180")
     name = "a[b]c [bold]\x1b]0;owned\x07\u202e.npz"
     with Progress(2, what=f"import {name}") as progress:
         progress.at(f"reading {name}")
@@ -65,6 +65,23 @@ def test_a_bar_shows_a_files_name_as_it_is_and_obeys_it_in_nothing(monkeypatch: 
     told = "a[b]c [bold]\\x1b]0;owned\\x07\\u202e.npz"
     assert all(words in shown for words in (f"import {told}", f"reading {told}", f"fitting {told}"))
     assert not {"\x07", "\u202e", "\x1b]"} & {shown[at : at + size] for at in range(len(shown)) for size in (1, 2)}
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80, 200])
+def test_on_a_narrow_terminal_and_beside_a_long_name_it_says_how_many_and_how_long(
+    monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    screen = StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with Progress(65536, what="import a-name-of-many-words-that-somebody-gave-to-a-file.mat") as progress:
+        progress.step(16384, ", 2 to be taken again")
+        progress.at("reading")
+    lines = [re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", line).strip() for line in re.split("[\r\n]", screen.getvalue())]
+    assert any(re.search(r"^import.* 16384/65536 .*(-:--:--|\d:\d\d:\d\d)$", each) for each in lines)
+    assert max(len(each) for each in lines) <= columns
 
 
 def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

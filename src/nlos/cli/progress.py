@@ -14,9 +14,12 @@ from nlos.cli.terminal import terminal
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import ProgressColumn
+    from rich.table import Column
 
 _BAR_S = 0.1
 _LINE_S = 10.0
+NARROW = 72
+"""On fewer columns the bar and the pace make room for how many there are and how long it takes."""
 DUMB = ("dumb", "unknown")
 """Terminals by these names, an editor's shell among them, show text and nothing else."""
 
@@ -38,22 +41,39 @@ class _OnScreen:
             self._bar.stop()
 
 
-def _bar_of(columns: "Callable[[ModuleType], tuple[ProgressColumn, ...]]") -> "RichProgress | None":
-    """A bar of these columns of `rich.progress`, which is loaded for a terminal alone; None elsewhere, and on one that
-    moves no cursor back, where a bar would stay unseen until the end."""
+def _bar_of(columns: "Callable[[ModuleType, int], tuple[ProgressColumn, ...]]") -> "RichProgress | None":
+    """A bar of these columns of `rich.progress`, for a terminal of such a width. Loaded for a terminal alone; None
+    elsewhere, and on one that moves no cursor back, where a bar would stay unseen until the end."""
     if terminal.verbosity < 0 or not sys.stderr.isatty() or os.environ.get("TERM", "").lower() in DUMB:
         return None
     from rich import progress
     from rich.console import Console
 
     console = Console(file=getattr(sys.stderr, "sent", sys.stderr))
-    return progress.Progress(*columns(progress), console=console, transient=True)
+    return progress.Progress(*columns(progress, console.width), console=console, transient=True)
 
 
-def _text(rich: ModuleType, field: str) -> "ProgressColumn":
-    """A column of a task's text as it is: brackets in a file's name are no styles. `escaped` before it comes here, for
-    the bar writes below what escapes the rest."""
-    return rich.TextColumn(f"{{task.{field}}}", markup=False)  # type: ignore[no-any-return]
+def _text(rich: ModuleType, field: str, widest: int | None = None) -> "ProgressColumn":
+    """A column of a task's text as it is, cut off where it is wider: brackets in a file's name are no styles. `escaped`
+    before it comes here, for the bar writes below what escapes the rest."""
+    column = _firm(widest)
+    return rich.TextColumn(f"{{task.{field}}}", markup=False, table_column=column)  # type: ignore[no-any-return]
+
+
+def _firm(widest: int | None = None) -> "Column":
+    """A column that keeps its width where others give way."""
+    from rich.table import Column
+
+    return Column(no_wrap=True, max_width=widest)
+
+
+def _counting(rich: ModuleType, width: int) -> "tuple[ProgressColumn, ...]":
+    """What is being done, how much of it, how fast and how long still; a long name makes room for figures."""
+    of, left = rich.MofNCompleteColumn(table_column=_firm()), rich.TimeRemainingColumn(table_column=_firm())
+    if width < NARROW:
+        return _text(rich, "description", max(width - 24, 4)), of, left
+    pace = _text(rich, "fields[rate]", 3 * width // 10)
+    return _text(rich, "description", width - 52), rich.BarColumn(), of, pace, left
 
 
 class Stages(_OnScreen, logging.Handler):
@@ -66,7 +86,10 @@ class Stages(_OnScreen, logging.Handler):
         self._level = self._logger.level
         self._what, self._line_s, self._shown_s = what, line_s, time.monotonic()
         self._begun_s = self._shown_s
-        self._bar = _bar_of(lambda rich: (rich.SpinnerColumn(), _text(rich, "description"), rich.TimeElapsedColumn()))
+        self._bar = _bar_of(lambda rich, width: (
+            rich.SpinnerColumn(), _text(rich, "description", max(width - 10, 4)),
+            rich.TimeElapsedColumn(table_column=_firm()),
+        ))  # fmt: skip
         if self._bar is not None:
             self._task = self._bar.add_task(escaped(what), total=None)
 
@@ -103,10 +126,7 @@ class Progress(_OnScreen):
         self._what, self._unit, self._line_s = what, unit, line_s
         self._total, self._done, self._begun_with = total, done, done
         self._begun_s = self._shown_s = self._hidden_s = time.monotonic()
-        self._bar = _bar_of(lambda rich: (
-            _text(rich, "description"), rich.BarColumn(), rich.MofNCompleteColumn(), _text(rich, "fields[rate]"),
-            rich.TimeRemainingColumn(),
-        ))  # fmt: skip
+        self._bar = _bar_of(_counting)
         if self._bar is not None:
             self._task = self._bar.add_task(escaped(what), total=total, completed=done, rate="")
 
