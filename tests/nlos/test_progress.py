@@ -1,5 +1,6 @@
 """Whatever takes its time says how far it is: a bar with rate and time left on a terminal, lines elsewhere."""
 
+import contextlib
 import logging
 import os
 import pty
@@ -82,6 +83,28 @@ def test_on_a_narrow_terminal_and_beside_a_long_name_it_says_how_many_and_how_lo
     lines = [re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", line).strip() for line in re.split("[\r\n]", screen.getvalue())]
     assert any(re.search(r"^import.* 16384/65536 .*(-:--:--|\d:\d\d:\d\d)$", each) for each in lines)
     assert max(len(each) for each in lines) <= columns
+
+
+def test_a_terminal_of_few_letters_is_sent_no_other(tmp_path: Path) -> None:
+    """What it lacks would be written out, six letters for one: lines that are too long stay where they were."""
+    script = tmp_path / "wait.py"
+    script.write_text(
+        "from nlos.cli.progress import Progress, Stages\n"
+        f"with Stages('{'calibrate ' * 20}', 'nlos'): pass\n"
+        f"with Progress(9, what='{'import ' * 30}') as progress: progress.at('reading')\n"
+    )
+    ours, theirs = pty.openpty()
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TERM": "xterm", "COLUMNS": "80"}
+    subprocess.run([sys.executable, str(script)], stderr=theirs, env={**os.environ, **plain}, check=True, timeout=240)
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # nobody writes there any more
+        while part := os.read(ours, 65536):
+            shown += part
+    os.close(ours)
+    assert b"calibrate" in shown
+    assert b"import" in shown
+    assert b"\\u" not in shown
 
 
 def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

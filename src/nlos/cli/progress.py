@@ -64,7 +64,12 @@ def _firm(widest: int | None = None) -> "Column":
     """A column that keeps its width where others give way."""
     from rich.table import Column
 
-    return Column(no_wrap=True, max_width=widest)
+    return Column(no_wrap=True, max_width=widest, overflow="ellipsis" if _unicode() else "crop")
+
+
+def _unicode() -> bool:
+    """Whether the terminal has more than letters: elsewhere what it lacks is written out, and fills its lines."""
+    return (getattr(sys.stderr, "encoding", None) or "").lower().startswith("utf")
 
 
 def _counting(rich: ModuleType, width: int) -> "tuple[ProgressColumn, ...]":
@@ -87,7 +92,7 @@ class Stages(_OnScreen, logging.Handler):
         self._what, self._line_s, self._shown_s = what, line_s, time.monotonic()
         self._begun_s = self._shown_s
         self._bar = _bar_of(lambda rich, width: (
-            rich.SpinnerColumn(), _text(rich, "description", max(width - 10, 4)),
+            rich.SpinnerColumn("dots" if _unicode() else "line"), _text(rich, "description", max(width - 10, 4)),
             rich.TimeElapsedColumn(table_column=_firm()),
         ))  # fmt: skip
         if self._bar is not None:
