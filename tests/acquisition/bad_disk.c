@@ -1,8 +1,8 @@
 /* A disk that goes bad: loaded before the C library, fails or harms what a process does to one file. BAD_DISK says what:
-   NAME|WHAT|NUMBER|FROM|TO  - the file's path holds NAME; WHAT is read, write, sync (fail with errno NUMBER), kill (the
-   process dies before the call, counted over writes, syncs, renames, links and unlinks), or delete, truncate, replace, overwrite (done before the write, once the file bears
-   NAME itself); calls FROM to TO of that kind, counted from 1. For `bytes`, FROM and TO are places in the file instead,
-   and every read there fails. */
+   NAME|WHAT|NUMBER|FROM|TO  - the file's path holds NAME; WHAT is read, write, sync, close (fail with errno NUMBER), kill
+   (the process dies before the call, counted over writes, syncs, renames, links and unlinks), or delete, truncate,
+   replace, overwrite (done before the write, once the file bears NAME itself); calls FROM to TO of that kind, counted
+   from 1. For `bytes`, FROM and TO are places in the file instead, and every read there fails. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -15,12 +15,12 @@
 #include <unistd.h>
 
 static char name[512], what[32], path[4096];
-static long number, from, to, reads, writes, syncs, steps;
+static long number, from, to, reads, writes, syncs, closes, steps;
 static int harmed;
 
 __attribute__((visibility("default"))) void bad_disk_arm(const char *said) {
     name[0] = what[0] = 0;
-    reads = writes = syncs = steps = harmed = 0;
+    reads = writes = syncs = closes = steps = harmed = 0;
     if (said) sscanf(said, "%511[^|]|%31[^|]|%ld|%ld|%ld", name, what, &number, &from, &to);
 }
 
@@ -112,6 +112,15 @@ int fsync(int fd) {
         if (fails("sync", ++syncs)) return -1;
     }
     return real(fd);
+}
+
+int close(int fd) {
+    static int (*real)(int);
+    if (!real) real = dlsym(RTLD_NEXT, "close");
+    int failed = ours(fd) && fails("close", ++closes), why = errno, done = real(fd); /* it is closed all the same */
+    if (!failed) return done;
+    errno = why;
+    return -1;
 }
 
 #define NAMES(function)                                                                   \

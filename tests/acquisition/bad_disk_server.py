@@ -15,15 +15,21 @@ HERE = Path(__file__).parent
 Run = Callable[..., int | None]
 
 
-@contextmanager
-def bad_disks(folder: Path) -> Iterator[Run]:
-    """run(folder, bad, *arguments): a command on a disk that goes bad (`bad_disk.c`); its exit code, or minus the
-    signal that ended it. The shim is built in `folder`."""
+def built_shim(folder: Path) -> Path:
+    """`bad_disk.so`, built in `folder`: what is loaded before the C library."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None or sys.platform != "linux":
         pytest.skip("a disk that goes bad needs Linux and a C compiler (apt-get install gcc)")
     shim = folder / "bad_disk.so"
     subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", shim, HERE / "bad_disk.c", "-ldl"], check=True)
+    return shim
+
+
+@contextmanager
+def bad_disks(folder: Path) -> Iterator[Run]:
+    """run(folder, bad, *arguments): a command on a disk that goes bad (`bad_disk.c`); its exit code, or minus the
+    signal that ended it. The shim is built in `folder`."""
+    shim = built_shim(folder)
     runs = subprocess.Popen(
         [sys.executable, HERE / "bad_disk_runs.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         env={**os.environ, "LD_PRELOAD": str(shim)},

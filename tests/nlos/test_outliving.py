@@ -1,6 +1,7 @@
 """A command outlives its terminal: whatever happens to its streams, and whenever, it does what it would have done.
 Where its results were sent to a file whose disk did not take them, its exit code says so."""
 
+import errno
 import json
 import os
 import random
@@ -14,6 +15,7 @@ import pytest
 
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.verification import verify
+from tests.acquisition.bad_disk_server import built_shim
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -130,6 +132,22 @@ def test_a_document_that_a_limit_cut_is_not_called_printed(tmp_path: Path) -> No
     assert ended.returncode == 6
     assert b"write error: File too large." in ended.stderr
     assert (tmp_path / "scan.json").stat().st_size <= 1024
+
+
+@pytest.mark.parametrize("words", ["patterns", "patterns --json"])
+def test_a_network_share_says_only_at_the_end_what_it_did_not_take(tmp_path: Path, words: str) -> None:
+    bad = {"LD_PRELOAD": str(built_shim(tmp_path)), "BAD_DISK": f"/said.txt|close|{errno.EDQUOT}|1|1000"}
+    with open(tmp_path / "said.txt", "w") as share:
+        ended = subprocess.run(
+            [*NLOS.split(), *words.split()],
+            stdout=share,
+            stderr=subprocess.PIPE,
+            cwd=tmp_path,
+            env={**os.environ, **bad},
+        )
+    assert ended.returncode == 6
+    assert ended.stderr.decode().startswith("nlos: standard output: write error: Disk quota exceeded.")
+    assert b"error" not in (tmp_path / "said.txt").read_bytes()
 
 
 def test_a_pipe_that_another_program_set_not_to_wait_gets_all(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,8 @@ def _stdout_to_stderr() -> Iterator[None]:
         yield
     finally:
         os.dup2(kept, 1)
-        os.close(kept)
+        with suppress(OSError):  # nothing went there meanwhile; of what comes, `refused_results` asks
+            os.close(kept)
 
 
 terminal = Terminal()
