@@ -137,7 +137,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
     if type(error).__name__ == "Exit" and hasattr(error, "exit_code"):
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
-    message = missing_package(error) or str(error)
+    message = missing_package(error) or told_by_system(error) or str(error)
     if isinstance(error, MemoryError):
         message = f"the memory is not enough{f' ({message})' if message else ''}. Close what else runs, or take less."
     if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):  # what a library made of it
@@ -154,6 +154,16 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         if terminal.verbosity > 0 and not isinstance(error, Stopped):  # which has said all there is to say
             traceback.print_exception(error)
     return ended(message, error, int(code))
+
+
+def told_by_system(error: BaseException) -> str:
+    """What the operating system says of a file or folder, as a sentence with what to do; empty for other errors."""
+    if not isinstance(error, OSError) or None in (error.errno, error.filename) or not str(error).startswith("["):
+        return ""
+    from nlos.acquisition.recording.disk_refusal import remedy
+
+    named = error.filename if isinstance(error.filename, str | bytes) else str(error.filename)
+    return f"{os.fsdecode(named)}: {error.strerror}. {remedy(error)}"
 
 
 def follows_an_interrupt(error: BaseException) -> bool:

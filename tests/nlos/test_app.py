@@ -128,3 +128,19 @@ def test_a_share_that_is_gone_and_a_system_that_opens_no_more_files_are_no_bugs(
             os._exit(code)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 6, (tmp_path / "said.txt").read_text()
     assert "Too many open files" in (tmp_path / "said.txt").read_text()
+
+
+def test_a_folder_that_cannot_be_made_is_told_of_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(path: Path, *given: object, **more: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    (tmp_path / "queue.yaml").write_text("runs: [{scan: demo}]")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Path, "mkdir", refused)
+    assert run(["scan", "demo", "-o", "new/run.h5"]) == 6
+    assert "nlos: new: Read-only file system. Choose another place with -o.\n" in capsys.readouterr().err
+    assert run(["queue", "queue.yaml"]) == 6
+    said = capsys.readouterr().err
+    assert "nlos: queue: cannot be made (Read-only file system). Name another `folder` in queue.yaml.\n" in said

@@ -1,6 +1,8 @@
 """The journal of a series: what each line means, whatever became of the file; and what is said of the whole."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -43,6 +45,29 @@ def test_what_is_no_line_costs_no_other(tmp_path: Path, harm: bytes) -> None:
     assert [(line.run, line.what, line.message, line.exit_code) for line in found] == [
         ("1-hat", DONE, "a message", 0), ("2-cap", ALARM, "too bright", 5)
     ]  # fmt: skip
+
+
+def test_a_line_of_which_the_disk_takes_a_part_is_whole_or_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A disk with room for a part of it takes that, and refuses at the next try."""
+    room, real = [20], os.write
+
+    def writes(number: int, data: bytes) -> int:
+        if not room[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = real(number, data[: room[0]])
+        room[0] -= taken
+        return taken
+
+    monkeypatch.setattr(os, "write", writes)
+    journal = Journal(tmp_path)
+    journal.add("1-hat", DONE)
+    assert "journal.jsonl: cannot be written (No space left on device): 1-hat done" in capsys.readouterr().err
+    room[0] = 1000
+    journal.add("2-cap", DONE)
+    assert [line.run for line in read(journal.path)] == ["2-cap"]
+    assert not capsys.readouterr().err
 
 
 def test_a_journal_that_the_disk_does_not_take_is_said_and_ends_nothing(

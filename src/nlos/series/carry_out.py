@@ -66,7 +66,12 @@ class Series:
 def carry_out(series: Series) -> int:
     """Everything that is still to do; returns the exit code: 5 where an alarm left a scan as it is. Raises what ends
     the series: it resumes from there when it is carried out again."""
-    series.folder.mkdir(parents=True, exist_ok=True)
+    try:
+        series.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(
+            f"{series.folder}: cannot be made ({error.strerror}). Name another `folder` in {series.queue.path}."
+        ) from error
     lock = WriterLock(series.folder / outcomes.NAME)
     try:
         journal = Journal(series.folder)

@@ -48,7 +48,9 @@ class Journal:
         try:
             file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             try:
-                os.write(file, b"\n" * self._torn() + json.dumps(asdict(line)).encode() + b"\n")
+                data = b"\n" * self._torn() + json.dumps(asdict(line)).encode() + b"\n"
+                while data:  # a disk that is nearly full takes a part, and says at the next try that it is full
+                    data = data[os.write(file, data) :]
                 os.fsync(file)
             finally:
                 os.close(file)
