@@ -13,6 +13,7 @@ from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.background import Background, before_pulse, subtract
+from nlos.calibration.close_pulse import doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
@@ -151,6 +152,7 @@ def correct_points(
     done = _finish(raw, timed, remove_direct=remove_direct)
     second = None if known is None else known.second
     if offsets is not None and remove_direct:
+        doubt_close_pulse(done.direct.close)
         doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
     return done if second is None or not second.even else _without(raw, timed, second)
 
@@ -242,8 +244,8 @@ def _finish(
     arrival = np.where(there, arrival, arrival[there].mean())
     if bins is None:
         bins = _bins_left(raw, arrival, offsets)
-    below = np.where(np.isfinite(background.error), background.per_bin, 0.0)
-    aligned = subtract(align(timed.counts, arrival, bins), below)
+    aligned = align(timed.counts, arrival, bins)
+    aligned = subtract(aligned, np.where(np.isfinite(background.error), background.per_bin, 0.0))
     told = np.isfinite(timed.variance)
     spread = align_variance(timed.variance if told.all() else np.where(told, timed.variance, 0), arrival, bins)
     usable = recorded_bins(arrival, record, bins) & there[:, None]
@@ -255,15 +257,13 @@ def _finish(
         direct = known_direct_light(aligned, known.direct_shape, known.direct_end_bin)
     elif remove_direct and known is None:
         some = find_direct_light(aligned[there], raw.time.bin_width_s)
-        amplitude = np.zeros(points)
-        amplitude[there] = some.amplitude
-        direct = DirectLight(some.shape, amplitude, some.end_bin, some.decay_bins)
+        direct = replace(some, amplitude=np.zeros(points))
+        direct.amplitude[there] = some.amplitude
     aligned = remove_direct_light(aligned, direct)
     usable &= direct.usable()
     aligned[~usable] = 0
-    exposure = np.where(there, raw.exposure_s, 0.0)
-    axis = TimeAxis(bins, raw.time.bin_width_s)
     beyond = light_beyond(timed.counts[there], arrival[there], bins, background.at(there)) if known is None else 0.0
+    exposure, axis = np.where(there, raw.exposure_s, 0.0), TimeAxis(bins, raw.time.bin_width_s)
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.close_pulse import ClosePulse, close_pulse
+
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
 SMOOTHING_S = 60e-12
@@ -36,6 +38,8 @@ class DirectLight:
     """Bins before this one are masked; 0 where there is no direct light."""
     decay_bins: float
     """Time constant of the extrapolated tail; 0 where the tail is not seen."""
+    close: ClosePulse | None = None
+    """A second pulse that is masked with it."""
 
     def counts(self) -> Counts:
         """Expected direct counts, shape (N, T)."""
@@ -64,6 +68,9 @@ def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight
     if smooth[peak] < PRESENT_ABOVE * later_peak and not stands_alone:
         return nothing
     turn = _first_rise(smooth, noise, peak)
+    close = close_pulse(counts, smooth, (peak, turn), bin_width_s)
+    if close is not None:
+        turn = _first_rise(smooth, noise, close.end_bin - 1)
     lowest = max(float(smooth[turn]), 3 * float(noise[turn]), FAINTEST * float(smooth[peak]) / 3)
     clean_end = _first_below(smooth, 3 * lowest, peak)
     tail_start = max(_first_below(smooth, min(30 * lowest, 0.3 * smooth[peak]), peak), peak + 1)
@@ -86,7 +93,9 @@ def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight
         expected = amplitude * shape[tail_start:clean_end].sum()
         seen = counts[:, tail_start:clean_end].sum(axis=1, dtype=np.float64)
         amplitude = amplitude * np.clip(seen + 30, 0, None) / (np.clip(expected, 0, None) + 30)
-    return DirectLight(shape, np.clip(amplitude, 0, None), end, decay)
+    if close is not None:
+        end = max(end, close.end_bin)
+    return DirectLight(shape, np.clip(amplitude, 0, None), end, decay, close)
 
 
 def known_direct_light(aligned: npt.ArrayLike, shape: Floats, end_bin: int) -> DirectLight:

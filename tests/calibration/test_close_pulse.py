@@ -1,0 +1,58 @@
+"""A second pulse that overlaps with the direct one, photon by photon, and surfaces that are as near."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.correct import correct_points
+from nlos.calibration.raw_points import RawPoints
+
+SIDE, BINS, WIDTH_S, DIRECT, HIDDEN = 14, 700, 16e-12, 4000, 300
+SCANNER_M = np.array([0.25, 0.1, 1.5])
+
+
+def scan(patch_m: tuple[float, float], lag_s: float, share: float, wall_m: float = 1.0) -> RawPoints:
+    """A square patch `patch_m` (depth, side) before a wall whose points reflect 1 to 3; of every photon a share more
+    comes `lag_s` later. 60 ps FWHM."""
+    random = np.random.default_rng(4)
+    at = (np.arange(SIDE) + 0.5) / SIDE * wall_m - wall_m / 2
+    x, y = (each.ravel() for each in np.meshgrid(at, at[::-1]))
+    counts = np.zeros((len(x), BINS), np.uint32)
+    for point, place in enumerate(np.stack([x, y, 0 * x], axis=1)):
+        direct = random.poisson(DIRECT * random.uniform(0.5, 1.5))
+        hit = np.stack([*random.uniform(-0.5, 0.5, (2, 2000)) * patch_m[1], np.full(2000, patch_m[0])], axis=1)
+        way_m = np.linalg.norm(hit - place, axis=1)
+        bright = (patch_m[0] / way_m) ** 4
+        way_m = way_m[random.random(2000) < bright / 2000 * HIDDEN * 4]
+        times = 2 * (np.linalg.norm(SCANNER_M - place) + np.concatenate([np.zeros(direct), way_m])) / C - 6e-9
+        times = np.concatenate([times, times[random.random(len(times)) < share] + lag_s])
+        bins = np.floor((times + random.normal(0, 25e-12, len(times))) / WIDTH_S).astype(int)
+        counts[point] = np.bincount(bins[(bins >= 0) & (bins < BINS)], minlength=BINS) + random.poisson(0.02, BINS)
+    nothing = np.zeros(len(x))
+    return RawPoints(counts, x, y, nothing + 1, nothing, nothing, TimeAxis(BINS, WIDTH_S))
+
+
+@pytest.mark.parametrize(("lag_ps", "percent"), [(150, 30), (200, 5), (240, 2)])
+def test_a_second_pulse_a_few_widths_behind_the_direct_one_is_told_and_masked(
+    lag_ps: float, percent: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan((0.6, 0.3), lag_ps * 1e-12, percent / 100))
+    assert caplog.text.count("a second pulse comes") == 1
+    words = caplog.text.split()
+    assert float(words[words.index("comes") + 1]) == pytest.approx(lag_ps / 1000, abs=0.03)
+    assert float(words[words.index("%") - 1]) == pytest.approx(percent, rel=0.35)
+    early = done.counts[:, : round(1e-9 / WIDTH_S)].mean(axis=0)  # nothing hidden is as near
+    assert early.max() < 0.002 * DIRECT * WIDTH_S / 60e-12
+
+
+@pytest.mark.parametrize("patch_m", [(0.025, 0.1), (0.04, 0.4), (0.06, 0.3), (0.08, 0.6), (0.6, 0.3)])
+def test_a_surface_close_to_the_wall_is_no_second_pulse(
+    patch_m: tuple[float, float], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        correct_points(scan(patch_m, 0.0, 0.0))
+    assert "second pulse" not in caplog.text
