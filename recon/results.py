@@ -15,6 +15,7 @@ nothing does). Row 0 is the top, column 0 the left, seen from the wall.
 """
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
@@ -72,7 +73,7 @@ def write_results(
     uneven = reconstruction.confidence is not None and float(reconstruction.confidence.min()) < EVEN
     optional = {"confidence.png": uneven, "uncertainty.png": sure, "slices.png": with_slices, "view3d.html": html}
     more = [folder / name for name, wanted in optional.items() if wanted]
-    present = [path for path in (*paths, *more) if path.exists()]
+    present = [path for path in (*paths, *more) if os.path.lexists(path)]
     if present and not overwrite:
         raise FileExistsError(f"{present[0]} exists. Choose another folder, or use --overwrite.")
     draw: dict[str, Callable[[Reconstruction, Path], None]] = {

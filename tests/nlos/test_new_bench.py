@@ -285,12 +285,15 @@ def test_a_port_of_a_simulated_bench_is_refused_before_the_first_question(
     assert "mirror controller" not in capsys.readouterr().err
 
 
-def test_a_failure_at_the_end_gives_the_answers_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failure_at_the_end_gives_the_answers_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Given again as they were printed, they make the file."""
     given = ["wall_distance_m=1.42", "scanner_x_m=-0.25"]
     with pytest.raises(UsageError, match=r"colour: no such question.*--answer scanner_x_m=-0.25"):
         new("bench", tmp_path / "b.yaml", None, [*given, "colour=red"], True, False, False)
     (tmp_path / "file").touch()
+    monkeypatch.setattr("nlos.cli.new.check_writable", lambda folder: None)  # it was a folder then
     with pytest.raises(OSError, match="file"):
         new("bench", tmp_path / "file" / "b.yaml", None, given, True, False, False)
     options = shlex.split(capsys.readouterr().err.partition("to give again: ")[2])

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import refuse_existing
+from nlos.cli.targets import check_place
 from nlos.cli.terminal import terminal
 from nlos.whole_file import whole_file
 
@@ -14,12 +14,13 @@ if TYPE_CHECKING:
 
 
 def check_bench_output(output: Path | None, overwrite: bool, what: str) -> None:
-    """Before anything is measured. Raises `UsageError` for a name that is no bench file's, and `FileExistsError`."""
+    """Before anything is measured. Raises `UsageError` for a name that is no bench file's, and as
+    `check_place` does."""
     if output is None:
         return
     if output.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"-o {output}: {what} a bench file, .yaml")
-    refuse_existing(output, overwrite)
+    check_place(output, overwrite)
 
 
 def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | None, overwrite: bool) -> None:
@@ -31,6 +32,7 @@ def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | N
     if output is None:
         terminal.log("not written: -o NEW.yaml writes a copy of the bench file with these lines")
         return
+    output.absolute().parent.mkdir(exist_ok=True)
     with whole_file(output, new=not overwrite) as partial:
         partial.write_text(text, encoding="utf-8")
     terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))

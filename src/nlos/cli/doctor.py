@@ -13,7 +13,7 @@ from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode, UsageError
 from nlos.cli.named_files import BenchWord
-from nlos.cli.targets import page_target, refuse_existing
+from nlos.cli.targets import check_place, page_target
 from nlos.cli.terminal import terminal
 from nlos.doctor.advice import in_order
 from nlos.doctor.area import area_of
@@ -61,7 +61,7 @@ def doctor(
     if thorough:
         name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
         target = page_target(output or Path(f"doctor-{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"))
-        refuse_existing(target, overwrite)
+        check_place(target, overwrite)
     opened_it = False
 
     def agreed(bench: "Bench") -> bool:

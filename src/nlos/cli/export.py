@@ -22,7 +22,7 @@ from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted
-from nlos.cli.targets import refuse_existing, refuse_folder, refuse_own_input
+from nlos.cli.targets import check_place, refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.recipe import Recipe
 from nlos.recon.export_mesh import write_glb, write_obj
@@ -70,7 +70,7 @@ def export(
     targets = {word: output or run.with_suffix(known[word]) for word in words}
     for target in targets.values():
         refuse_own_input(target, [run], "the file that is exported")
-        refuse_existing(target, overwrite)
+        check_place(target, overwrite)
     left_behind = {}
     with ExitStack() as together:  # a format that cannot be written leaves none of the others either
         partials = {

@@ -8,7 +8,7 @@ import typer
 
 from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import refuse_existing
+from nlos.cli.targets import check_place
 from nlos.cli.terminal import terminal
 from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
@@ -38,11 +38,12 @@ def figure(
 
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
-    refuse_existing(output, overwrite)
+    check_place(output, overwrite)
     made = [read_reconstruction(_file_of(place)) for place in results]
     names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
+    output.absolute().parent.mkdir(exist_ok=True)
     with whole_file(output, new=not overwrite) as partial:
         save_gallery(gallery(made, names, width_mm), partial, output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))

@@ -13,7 +13,7 @@ from nlos.acquisition.wall import ORIENTATION
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Axes, BinWidth, Detector, Rectified, WallSize, given
 from nlos.cli.progress import Progress
-from nlos.cli.targets import names_of, recording_target, refuse_own_input
+from nlos.cli.targets import check_place, names_of, recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 
 
@@ -41,6 +41,7 @@ def import_(
     for file, target in zip(files, targets, strict=True):
         recording_target(target)
         refuse_own_input(target, files, "a file that is imported")
+        check_place(target, overwrite)
         if file.is_file() and is_recording(file):
             raise UsageError(f"{file}: is a recording already: every verb reads it as it is.")
     written = []

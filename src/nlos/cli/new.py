@@ -19,6 +19,7 @@ from nlos.new_bench.questions import questions
 from nlos.new_bench.unfinished import Unfinished
 from nlos.new_bench.writing import attenuators, bench_text, blocks_of
 from nlos.whole_file import whole_file
+from nlos.writable import check_writable
 
 
 def new(
@@ -44,6 +45,7 @@ def new(
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     refuse_existing(output, overwrite)
+    check_writable(output.parent)
     given = dict(_split(each) for each in answer or [])
     if simulated and "port" in given:
         raise UsageError(

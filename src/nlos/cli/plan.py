@@ -1,5 +1,6 @@
 """`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
 
+import os
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -34,7 +35,7 @@ from nlos.beam_seen import judge_beam
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
-from nlos.cli.targets import picture_target, recording_target, refuse_existing
+from nlos.cli.targets import check_place, picture_target, recording_target
 from nlos.cli.terminal import terminal
 from nlos.configs.load import load
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -74,7 +75,7 @@ def plan(
     """Checks everything that `scan` would, a trip that stands and the disk, too; duration with its parts, disk, photons
     to expect. Moves nothing: a real bench is not even opened, its simulated twin is asked."""
     if picture is not None:
-        refuse_existing(picture_target(picture), overwrite, "--picture")
+        check_place(picture_target(picture), overwrite, "--picture")
     if output is not None:
         recording_target(output)
     told = response_wanted(response)
@@ -103,7 +104,9 @@ def plan(
     _tell_shutter(table.settings)
     _tell_beam(within_px, planned, choice)
     _tell_resolution(planned, expected)
-    warnings = [each for each in (foreign, *window_warnings(planned, direct), beam.wrong, beam.warning) if each]
+    there = _stands_there(output, overwrite)
+    doubts = (foreign, *window_warnings(planned, direct), beam.wrong, beam.warning, there)
+    warnings = [each for each in doubts if each]
     for warning in warnings:
         terminal.log(f"warning: {warning}")
     terminal.document["warnings"] = warnings
@@ -116,8 +119,16 @@ def plan(
     if picture is not None:
         from nlos.report.figures import path_picture
 
+        picture.absolute().parent.mkdir(exist_ok=True)
         path_picture(planned.only(planned.expected()), picture, new=not overwrite)
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
+
+
+def _stands_there(output: Path | None, overwrite: bool) -> str:
+    """Of a name that `scan` would refuse, unless it is to go on with what is there: nobody said so to `plan`."""
+    if output is None or overwrite or not os.path.lexists(output):
+        return ""
+    return f"{output}: exists. `nlos scan` will ask for another name, for --resume or for --overwrite."
 
 
 def _check_before_light(bench: "BenchSettings", planned: "ScanPlan", asked: ScanSettings, target: Path) -> None:

@@ -20,7 +20,7 @@ from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
-from nlos.cli.targets import recording_target, refuse_own_input
+from nlos.cli.targets import check_place, recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.recipe import Recipe
 from nlos.recon.methods import find
@@ -51,6 +51,7 @@ def replay(
         response_wanted(response)
     if output is not None:
         refuse_own_input(recording_target(output), [run], "the recording that is replayed")
+        check_place(output, overwrite)
     if reconstruct is not None:
         picture_beside(
             output or run, overwrite, "Choose another name with -o, use --overwrite, or leave --reconstruct out."

@@ -7,11 +7,10 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import page_target, refuse_existing, refuse_folder, refuse_own_input
+from nlos.cli.targets import check_place, page_target, refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.live.process import methods_for
 from nlos.report.page import write_report
-from nlos.writable import check_writable
 
 
 def report(
@@ -28,12 +27,12 @@ def report(
         refuse_folder(run)
     target = runs[0].with_suffix(".html") if output is None else page_target(output)
     refuse_own_input(target, runs, "a recording that is reported on")
-    refuse_existing(target, overwrite)
+    check_place(target, overwrite)
     if len({realpath(run) for run in runs}) < len(runs):
         raise UsageError("the same RUN is named twice")
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]
     if not all(words) or len(set(words)) < len(words):
         raise UsageError(f"--methods {methods}: different method names, separated by commas")
-    check_writable(target.absolute().parent)
+    target.absolute().parent.mkdir(exist_ok=True)
     write_report(runs, target, words, new=not overwrite)
     terminal.result(f"{target}: {target.stat().st_size / 1e6:.1f} MB, self-contained", report=str(target))

@@ -8,7 +8,7 @@ import typer
 
 from nlos.cli.columns import columns_shown
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.targets import page_target, refuse_existing
+from nlos.cli.targets import check_place, page_target
 from nlos.cli.terminal import terminal
 from nlos.runs.index import SORTS, Run, RunsIndex
 
@@ -43,7 +43,7 @@ def runs(
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
     if page is not None:
-        refuse_existing(page_target(page), overwrite, "--page")
+        check_place(page_target(page), overwrite, "--page")
     with RunsIndex(where) as index:
         changes = index.update(afresh=rebuild)
         found, every = index.search(words or [], sort, not ascending, limit), index.count()
@@ -60,6 +60,7 @@ def runs(
     if page is not None:
         from nlos.runs.page import write_page
 
+        page.absolute().parent.mkdir(exist_ok=True)
         write_page(page, where, found, " ".join(words or []), new=not overwrite)
         terminal.result(str(page), page=str(page))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
 from nlos.names_for_one import folded, taken_for_one
+from nlos.writable import check_writable
 
 RECORDINGS = (".h5", ".hdf5")
 PICTURES = (".png", ".pdf", ".svg")
@@ -46,16 +47,25 @@ def page_target(path: Path) -> Path:
 
 
 def log_target(path: Path, overwrite: bool) -> Path:
-    """The same for a log of what was seen, given as `--log`. Raises as `refuse_existing` does."""
+    """The same for a log of what was seen, given as `--log`. Raises as `check_place` does."""
     _check_kind(path, LOGS, "a log")
-    _check_folder(path, "--log")
-    refuse_existing(path, overwrite, "--log")
+    check_place(path, overwrite, "--log")
     return path
+
+
+def check_place(path: Path, overwrite: bool, option: str = "-o") -> None:
+    """Everything that could refuse a file at `path`, given as `option`, once it is made. Raises as `refuse_existing`
+    and `check_writable` do, and `UsageError` where more than its folder is missing."""
+    refuse_existing(path, overwrite, option)
+    _check_folder(path, option)
+    check_writable(path.absolute().parent, option)
 
 
 def refuse_existing(path: Path, overwrite: bool, option: str = "-o") -> None:
     """Raises `FileExistsError` where something is at `path`, given as `option`, that may not be replaced: a link to
-    nothing neither."""
+    nothing neither; `IsADirectoryError` for a folder, which never is."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder. Name the file in it.")
     if os.path.lexists(path) and not overwrite:
         raise FileExistsError(f"{path}: exists. Choose another name with {option}, or use --overwrite.")
 
@@ -98,6 +108,6 @@ def _check_kind(path: Path, suffixes: tuple[str, ...], what: str) -> None:
 def _check_folder(path: Path, option: str = "-o") -> None:
     """One missing folder is made, a missing way to it is a mistake: another disk, or a slip of the pen."""
     folder = path.absolute().parent
-    if not folder.is_dir() and (folder.exists() or not folder.parent.is_dir()):
-        missing = folder if folder.exists() else folder.parent
+    if not folder.is_dir() and (os.path.lexists(folder) or not folder.parent.is_dir()):
+        missing = folder if os.path.lexists(folder) else folder.parent  # a link to nothing cannot be made one
         raise UsageError(f"{path}: {missing} is not a folder. Make it first, or choose another place with {option}.")
