@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nlos.__main__ import run
@@ -11,6 +12,7 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.scene_files import write_scene
 from tests import scan_texts
+from tests.command import nlos
 from tests.nlos.test_archives import scan
 
 
@@ -110,3 +112,25 @@ def test_what_recover_writes_is_called_a_recording(
     told = said(["recover", str(recorded), "-o", str(tmp_path / name)], capsys, 2)
     assert "a recording is written as .h5, .hdf5" in told
     assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["shutter", "close", "--bench", ""], "--bench is empty"),  # the simulated one was closed, and nothing said so
+        (["scan", "five_by_five", "--bench=", "-o", "run.h5"], "--bench is empty"),
+        (["reconstruct", ""], "one word of this command is empty"),  # every file of the folder was reconstructed
+        (["reconstruct", "scan.npz", "-o", ""], "-o is empty"),
+        (["evaluate", "--data", "scan.npz", "--output="], "--output is empty"),
+    ],
+)
+def test_a_variable_that_is_not_set_names_no_file_and_no_bench(tmp_path: Path, words: list[str], said: str) -> None:
+    np.savez(tmp_path / "scan.npz", histograms=np.ones((4, 4, 16)), bin_width_s=64e-12, wall_size_m=1.0)
+    done = nlos(tmp_path, *words)
+    assert (done.returncode, f"{said}. Is a variable of the shell not set?" in done.stderr) == (2, True), done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.npz"]
+
+
+def test_what_is_said_of_a_scan_may_be_nothing(tmp_path: Path) -> None:
+    words = ["scan", "five_by_five", "--bench", "zero_latency", "-o", "run.h5", "--sample", "", "--note="]
+    nlos(tmp_path, *words, check=True)

@@ -2,6 +2,8 @@
 
 import difflib
 import importlib
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import typer
@@ -49,6 +51,9 @@ EVERYWHERE = (
 )
 
 
+MAY_BE_EMPTY = ("--sample", "--operator", "--note", "--name", "--titles")
+"""What a person says of a scan or a picture; every other word names something."""
+
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 NUMBERS = {**HELP, "ignore_unknown_options": True}
 """For a verb whose arguments are numbers: one below zero looks like an option."""
@@ -69,8 +74,21 @@ class LazyVerbs(TyperGroup):
             near = difflib.get_close_matches(word, VERBS, n=1)
             hint = f"did you mean '{near[0]}'?" if near else "`nlos --help` lists the verbs."
             raise UsageError(f"there is no verb '{word}'; {hint}")
+        refuse_empty(args[1:])
         name, command, rest = super().resolve_command(ctx, args)
         return name, load_verb(name) if name else command, rest
+
+
+def refuse_empty(words: Sequence[str]) -> None:
+    """Raises `UsageError` for an empty word, as a shell makes it of a variable that is not set: as a file it would be
+    this folder, and as a bench the simulated one."""
+    for before, word in pairwise(("", *words)):
+        option = before if before.startswith("-") else ""
+        if word.startswith("--") and word.endswith("="):
+            option, word = word[:-1], ""
+        if not word and option not in MAY_BE_EMPTY:
+            place = f"{option} is" if option else "one word of this command is"
+            raise UsageError(f"{place} empty. Is a variable of the shell not set? Say what is meant, or leave it out.")
 
 
 def load_verb(name: str) -> Any:

@@ -30,7 +30,7 @@ DEFAULT_BENCH = "simulated"
 
 def load_bench(word: str | None) -> "Loaded[BenchSettings]":
     """The bench file that `word` means; the simulated bench where none is named. Raises `ConfigError`."""
-    return load("bench", word or DEFAULT_BENCH, BenchSettings)
+    return load("bench", DEFAULT_BENCH if word is None else word, BenchSettings)
 
 
 def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
