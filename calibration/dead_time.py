@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.calibration.constants import Quantity
-from nlos.calibration.errors import SaturatedBins
+from nlos.calibration.errors import InvalidData, SaturatedBins
 
 Floats = npt.NDArray[np.float64]
 _POINTS = 64
@@ -41,11 +41,12 @@ def correct_free_running(
     light. A dead time longer than the period is allowed. Returns counts as a detector without dead time would have
     had them and their variance, (N, T), infinite where nobody can tell: where the dead time of a bright pulse ends, by
     its error and by where in their bins the clicks were, the detector was live for an unknown share of the pulses.
-    Raises `SaturatedBins`.
+    Raises `SaturatedBins`, and `InvalidData` for a dead time in which the detector has clicked again.
     """
     recorded = np.asarray(counts)
     every, pulses = _per_point(total_count, len(recorded)), _per_point(sync_count, len(recorded))
     dead_s, error_s = dead_time_s.value, dead_time_s.error
+    _refuse_too_long(every, pulses * period_s, dead_time_s)
     photons, variance = np.empty(recorded.shape), np.empty(recorded.shape)
     for some in _some_at_a_time(len(recorded)):
         clicks = recorded[some].astype(np.float64)
@@ -88,6 +89,18 @@ def blind_pulses(
             part = recorded[some] / np.maximum(pulses[some] - blind[some], 1e-300)
             blind[some] = clicks.blind(dead_time_s / bin_width_s, -np.log1p(-np.clip(part, 0.0, _MOST)))
     return blind
+
+
+def _refuse_too_long(clicks: Floats, took_s: Floats, dead_time: Quantity) -> None:
+    """Of a unit that was taken for another: no pulse would be left in which the detector was live, and the light that
+    was recorded would be called none."""
+    clicked = (clicks > 0) & (took_s > 0)
+    apart_s = np.median(took_s[clicked] / clicks[clicked]) if clicked.any() else np.inf
+    if dead_time.value - 3 * dead_time.error > apart_s:
+        raise InvalidData(
+            f"a dead time of {dead_time.value * 1e9:g} ns cannot be: at every other point a click comes each "
+            f"{apart_s * 1e9:.4g} ns. Is it told in nanoseconds?"
+        )
 
 
 class _Period:

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -45,6 +45,19 @@ class RunInput:
     """Whether its bench was forbidden to open the shutter."""
     bench_json: str = "{}"
     """Its bench file, where the run says."""
+    identity: str = ""
+    """What no other recording is called, but copies of it are; empty where there is none."""
+
+
+def refuse_twice(runs: list[Path], names: Iterable[str]) -> None:
+    """Raises `InvalidData` for a run that is given twice, by its name or as a copy: its photons would count twice, and
+    every error come out too small. `names` are what runs of one content have in common, empty where nobody knows."""
+    known: dict[str, Path] = {}
+    for run, name in zip(runs, names, strict=True):
+        if name in known:
+            raise InvalidData(f"{run}: is the same run as {known[name]}, and photons count once. Leave one out.")
+        if name:
+            known[name] = run
 
 
 def load_run(run: Path, given: Given = NOTHING) -> RunInput:
@@ -82,8 +95,8 @@ def load_run(run: Path, given: Given = NOTHING) -> RunInput:
         dry_run = isinstance(safety, dict) and bool(safety.get("dry_run", False))
         if not said.get("wall_known", True):
             raw = _on_wall(run, raw, recording.plan.wall.width_m, wall_size_m)
-        bench_json = recording.header.bench_json
-    return RunInput(raw, names, aim, dry_run, bench_json)
+        bench_json, identity = recording.header.bench_json, recording.header.identity
+    return RunInput(raw, names, aim, dry_run, bench_json, identity)
 
 
 def _refuse_rectified(run: Path, rectified: bool) -> None:

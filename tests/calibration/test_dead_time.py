@@ -4,7 +4,7 @@ import pytest
 
 from nlos.calibration.constants import Quantity
 from nlos.calibration.dead_time import blind_pulses, correct_free_running
-from nlos.calibration.errors import SaturatedBins
+from nlos.calibration.errors import InvalidData, SaturatedBins
 
 
 def photons_per_pulse(bins: int, share: float) -> npt.NDArray[np.float64]:
@@ -144,3 +144,11 @@ def test_where_the_dead_time_of_a_bright_pulse_ends_its_error_makes_bins_unknown
         _, variance = correct_free_running(counts, [pulses], counts.sum(axis=1), 1e-9, 100e-9, Quantity(60e-9, 2e-9))
         unknown = np.flatnonzero(np.isinf(variance[0])).tolist()
         assert unknown == ([68, 69, 70, 71] if photons > 1 else [])
+
+
+def test_a_dead_time_told_in_another_unit_is_refused() -> None:
+    """77 ns told as 77 us: no pulse was left, and the recorded light was called a closed shutter."""
+    counts = np.full((5, 20), 100)  # 2000 clicks in 10 ms: 5 us apart
+    correct_free_running(counts, 1e5, 2000, 1e-9, 1e-7, Quantity(77e-9, 1e-9))
+    with pytest.raises(InvalidData, match=r"77000 ns cannot be: .* a click comes each 5000 ns. Is it told in nano"):
+        correct_free_running(counts, 1e5, 2000, 1e-9, 1e-7, Quantity(77e-6, 1e-6))

@@ -116,3 +116,11 @@ def test_a_device_that_does_not_exist_is_refused_everywhere_before_anything_is_r
     assert (done.returncode, "--device foo: cpu or cuda" in done.stderr) == (2, True), done.stderr
     with pytest.raises(InvalidSettings, match="device='foo': cpu or cuda"):
         nlos.reconstruct(np.zeros((4, 4, 64)), wall=1.0, bin_width=32e-12, device="foo")
+
+
+def test_no_run_is_calibrated_from_twice(folder: Path) -> None:
+    """Every error came out smaller by the root of two, and nothing was said."""
+    for words in ("run.h5 run.h5", "run.h5 linked.h5", "run.h5 other.h5", "data.npz ./data.npz"):
+        done = command(folder, "calibrate", *words.split(), "-o", "constants.h5")
+        assert (done.returncode, "is the same run as" in done.stderr) == (7, True), done.stderr
+    assert not (folder / "constants.h5").exists()

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
+from os.path import realpath
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,14 @@ from nlos.calibration.errors import PoorCalibration
 from nlos.calibration.geometry_fit import RULER_M
 from nlos.calibration.measure import KnownBefore, measure_constants
 from nlos.calibration.spots_sense import check_sense
-from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
+from nlos.calibration_input import (
+    common_bench,
+    common_devices,
+    load_run,
+    read_spots,
+    refuse_twice,
+    refuse_unmeant_darkness,
+)
 from nlos.cli.calibration_lines import result_lines, warnings_of
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
@@ -115,6 +123,7 @@ def calibrate(
         "RUN", {"--bench": bench is not None, "--light": light}, "a RUN names its bench itself, and needs no light",
         "Use them with --first-light.",
     )  # fmt: skip
+    refuse_twice(runs, map(realpath, runs))
     if output is not None:
         _refuse_to_replace(output, [*runs, response, spots], overwrite)
     dead_time = None if dead_time_ns is None else with_error("--dead-time-ns", dead_time_ns)
@@ -146,6 +155,7 @@ def _from_runs(
             progress.at(f"reading {run.name}")
             loaded.append(load_run(run, given))
             progress.step()
+    refuse_twice(runs, [one.identity for one in loaded])
     devices = common_devices(runs, [one.devices for one in loaded])
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
