@@ -114,8 +114,9 @@ class RecordingWriter:
 
     @property
     def has_all(self) -> bool:
-        """Whether it was given every sample that its plan may have; a second pass may want fewer."""
-        return self.acknowledged + self._filled == self.plan.most_samples
+        """Whether it was given every sample that its plan may have, and the disk took all that was written so far; a
+        second pass may want fewer."""
+        return self._failure is None and self.acknowledged + self._filled == self.plan.most_samples
 
     def flush(self) -> None:
         """Writes what was taken so far and acknowledges it: counts, then records, then their number, so that at no

@@ -32,14 +32,14 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     ) -> None:  # fmt: skip
         """`tell` is told of what takes its time once a film is stopped."""
         self._bench, self._writer, self._control, self._resume, self._tell = bench, writer, control, resume, tell
-        self._uncut = False
+        self._uncut = self._broken = False
         self.film: EndedFilm | None = None
         """What the recording holds once a person has ended a film that was to go on until then."""
 
     @property
     def complete(self) -> bool:
         whole = self.film is not None and self.film.whole
-        return self._control.state is ScanState.COMPLETE or whole or self._writer.has_all
+        return self._control.state is ScanState.COMPLETE or whole or (self._writer.has_all and not self._broken)
 
     @property
     def by_hand(self) -> bool:
@@ -60,6 +60,8 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             return f"{path} is complete."
         if self._uncut:
             return f"{path} was not cut to the frames of its film. {UNCUT.format(path=path)}"
+        if self._writer.has_all:
+            return f"All samples are safe in {path}."
         cleared = f"{CLEARS} clears the trip, then " if self._bench.shutter.is_tripped() else ""
         return f"The samples so far are safe in {path}; {cleared}`{self._resume}` takes the others."
 
@@ -68,6 +70,7 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     ) -> None:
         with undisturbed():
             status = self._status(error)
+            self._broken = status in (Status.STOPPED, Status.FAILED)
             try:
                 if status is Status.FAILED:
                     self._bench.report("failed", str(error) or type(error).__name__)
@@ -99,11 +102,13 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             error.add_note(str(failure))
 
     def _status(self, error: BaseException | None) -> Status:
-        if self.complete:  # what came after the last sample changes nothing of it
+        if self._control.state is ScanState.COMPLETE:  # what came after that changes nothing of it
             return Status.COMPLETE
         if isinstance(error, SafetyTrip):
             return Status.STOPPED
-        return Status.INTERRUPTED if error is None or self._told_to_end(error) else Status.FAILED
+        if error is not None and not self._told_to_end(error):
+            return Status.FAILED  # after its last sample, too: a shutter that nobody saw close, say
+        return Status.COMPLETE if self._writer.has_all else Status.INTERRUPTED
 
     def _told_to_end(self, error: BaseException) -> bool:
         """Whether a person or the system ended the scan, also where the signal that shut the light broke into an

@@ -1,19 +1,25 @@
 """The status of a recording says who ended the scan: a person, an alarm, or a device that failed."""
 
 import contextlib
+import errno
+import os
 from pathlib import Path
 
 import pytest
 
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.stored_rows import StoredRows
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.errors import DeviceError, DeviceLost, Preempted, ProtocolError, SafetyTrip
+from nlos.drivers.errors import DeviceError, DeviceLost, DeviceTimeout, Preempted, ProtocolError, SafetyTrip
 from nlos.scan_ending import ScanEnding
+from tests.acquisition.test_recording import sample_of
 
 PLAN = ScanSettings.model_validate(
     {"wall": {"width_m": 1.0, "height_m": 1.0, "rows": 4, "cols": 4}, "pattern": "serpentine", "dwell_ms": 1,
@@ -60,6 +66,63 @@ def test_a_recording_says_who_ended_the_scan(
                 raise error
     with Recording.open(tmp_path / "run.h5") as recording:
         assert recording.status is status
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (None, Status.COMPLETE, "is complete"),
+        (KeyboardInterrupt(), Status.COMPLETE, "is complete"),
+        (GeneratorExit(), Status.COMPLETE, "is complete"),
+        (Preempted("counter", "an urgent command broke into this exchange."), Status.COMPLETE, "is complete"),
+        (DeviceTimeout("shutter", "did not say that it is closed."), Status.FAILED, "All samples are safe"),
+        (SafetyTrip("counter", "too much light."), Status.STOPPED, "All samples are safe"),
+    ],
+)
+def test_after_the_last_sample_a_person_changes_nothing_and_a_device_that_fails_is_told(
+    tmp_path: Path, error: BaseException | None, status: Status, said: str
+) -> None:
+    """A shutter that nobody saw close is no scan that went well, though no point is lost."""
+    bench_settings, told = load("bench", "zero_latency", BenchSettings).settings, list[tuple[str, str]]()
+    with open_bench(bench_settings) as bench:
+        bench.on_event = lambda kind, text: told.append((kind, text))
+        writer = RecordingWriter.create(tmp_path / "run.h5", PLAN, Header())
+        ending = ScanEnding(bench, writer, ScanControl(), "--resume")
+        with contextlib.suppress(DeviceError, KeyboardInterrupt, GeneratorExit), ending:
+            for number in range(16):
+                writer.write(sample_of(PLAN, number))
+            if error is not None:
+                raise error
+    assert (said in ending.safe, "--resume" in ending.safe) == (True, False)
+    assert told[-1] == ("scan", status.name.lower())
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert (recording.status, len(recording)) == (status, 16)
+    assert settle(tmp_path / "run.h5", PLAN)  # nothing is left to take
+
+
+def test_a_scan_whose_last_samples_its_disk_refused_is_not_called_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench_settings, told = load("bench", "zero_latency", BenchSettings).settings, list[tuple[str, str]]()
+    with open_bench(bench_settings) as bench:
+        bench.on_event = lambda kind, text: told.append((kind, text))
+        writer = RecordingWriter.create(tmp_path / "run.h5", PLAN, Header())
+        ending = ScanEnding(bench, writer, ScanControl(), "--resume")
+        for number in range(16):
+            writer.write(sample_of(PLAN, number))
+        monkeypatch.setattr(StoredRows, "write", full)
+        with pytest.raises(StorageError, match="the disk refused a write"), ending:
+            writer.flush()
+    assert not ending.complete
+    assert "--resume" in ending.safe
+    assert told[-1] == ("scan", "failed")
+    monkeypatch.undo()
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert (recording.status, len(recording)) == (Status.RUNNING, 0)
+
+
+def full(rows: object, *what: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_a_signal_after_the_last_point_leaves_nothing_for_a_resume(tmp_path: Path) -> None:
