@@ -507,6 +507,16 @@ def test_a_scan_whose_picture_was_good_enough_ended_as_asked(folder: Path, brows
     page.close()
 
 
+def test_a_scan_that_failed_says_by_what_not_which_alarm_was_mended_before(viewer: str, browser: Any) -> None:
+    page, _ = opened(browser, viewer)
+    shows(page, "status", "^Scan complete$")
+    said = page.evaluate("""() => { const state = scans[0].state; state.status = "failed";
+      state.events = [[1, "alarm", "an old one"], [2, "failed", "run.h5: the disk refused a write"]];
+      tell(); return $("banner").innerText; }""")
+    assert said.splitlines()[-1] == "run.h5: the disk refused a write"
+    page.close()
+
+
 def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_be_on(
     folder: Path, browser: Any
 ) -> None:
