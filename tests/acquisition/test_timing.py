@@ -26,6 +26,7 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
 from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import LimitError
 
@@ -112,6 +113,23 @@ def test_scans_of_a_tenth_of_a_second_are_predicted_as_well(
         started_s = bench.clock.now()
         assert len(list(scan(plan, bench, scheme=scheme, alarms=alarms))) == 28
         assert predicted.total_s == pytest.approx(bench.clock.now() - started_s, rel=0.02)
+
+
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+def test_the_time_between_batches_is_predicted_and_the_warning_time_before_light(
+    bench_settings: Benches, small_plan: Plans, scheme: Scheme
+) -> None:
+    settings = bench_settings(name="simulated").model_copy(update={"arm": ArmSettings(delay_s=3.0, remote=True)})
+    pattern = {"kind": "adaptive", "seconds": 0.5, "step_ms": 2.0, "lengths": 2, "batch": 10}
+    plan = small_plan(12, 12, pattern=pattern, dwell_ms=2)
+    with open_bench(settings) as bench:
+        predicted = forecast(scheme, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        alarms = Alarms(AlarmSettings(), settings.laser.repetition_hz)
+        alarms.wait_for_rates(bench)
+        started_s = bench.clock.now()
+        assert len(list(scan(plan, bench, scheme=scheme, alarms=alarms))) > 100
+        actual_s = bench.clock.now() - started_s
+    assert predicted.total_s - 3.0 == pytest.approx(actual_s - 3.0, rel=0.02)
 
 
 @pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
