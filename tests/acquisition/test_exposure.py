@@ -183,3 +183,14 @@ def test_a_scan_in_two_passes_resumes_in_either(bench_settings: Benches, small_p
             rest = list(scan(plan, bench, taken=taken))
             assert [s.point for s in rest] == [s.point for s in whole[until:]]
             assert np.array_equal([s.histogram.counts for s in rest], [s.histogram.counts for s in whole[until:]])
+
+
+@pytest.mark.parametrize(("share", "again"), [(0.25, 6), (0.27, 7), (0.01, 1)])
+def test_a_second_look_is_had_by_its_share_of_the_points_for_as_long_as_it_says(
+    small_plan: Plans, share: float, again: int
+) -> None:
+    plan = small_plan(5, 5, dwell_ms=2, exposure={"kind": "second_look", "again_ms": 8, "share": share})
+    taken = plan.pending({})
+    assert taken[:25] == list(range(25))
+    assert plan.dwell_s[taken].tolist() == pytest.approx([2e-3] * 25 + [8e-3] * again)
+    assert plan.most_samples == 25 + again

@@ -87,7 +87,6 @@ class Marks:
             file.write(text.getvalue())
             file.flush()
             os.fsync(file.fileno())
-        self._ends_its_line = True
         self.added += 1
         self.count += 1
         self.unmeasured += measured is None

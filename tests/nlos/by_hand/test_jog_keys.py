@@ -175,3 +175,21 @@ def test_no_light_where_the_beam_may_not_be(tmp_path: Path) -> None:
         hand.move_to(hand.reach.angles_of(0.2, 0.0))
         hand.ask_for_light(1.0)
         hand.light.end("seen")
+
+
+@pytest.mark.parametrize(("stated_hz", "said"), [(10.05e6, False), (10.2e6, True)])
+def test_a_sync_that_is_not_the_bench_files_is_said(hand: Hand, stated_hz: float, said: bool) -> None:
+    settings = hand.bench.settings
+    laser = settings.laser.model_copy(update={"repetition_hz": stated_hz})
+    hand.bench.settings = settings.model_copy(update={"laser": laser})
+    updated(hand, lambda: hand.reading is not None)
+    assert ("the bench file says 10.2 MHz" in lines.counts(hand)[0]) == said
+
+
+def test_the_newest_of_what_was_said_is_seen(hand: Hand) -> None:
+    for number in range(3):
+        hand.note(f"{number}: " + "said at length " * 6)
+    shown = lines.notes(hand, 40)
+    assert len(shown) == 4
+    assert any(line.startswith("2: ") for line in shown)
+    assert not any(line.startswith("0: ") for line in shown)
