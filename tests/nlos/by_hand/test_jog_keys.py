@@ -14,11 +14,13 @@ from nlos.by_hand.hand import Hand
 from nlos.by_hand.jogging import Jog
 from nlos.by_hand.keys import Keys
 from nlos.by_hand.marks import Marks
+from nlos.by_hand.row import row
 from nlos.by_hand.stops import Stops
+from nlos.by_hand.summary import Summary
 from nlos.calibration_input import read_spots
 from nlos.configs.load import load
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import LimitError, SafetyTrip
 from nlos.drivers.partial_bench import open_partial_bench
 from tests.nlos.by_hand.witness import bench_file
 
@@ -128,6 +130,7 @@ def test_rates_and_the_peak_are_those_of_a_second(hand: Hand) -> None:
     assert f"{reading.detector_hz / 10e6:.2%} of the pulses" in said
     assert lines.rate(peak.counts / hand.watch.summed_s, "counts/s") in said
     assert "the bench file says" not in said
+    assert row(hand)["direct_hz"] == pytest.approx(peak.counts / hand.watch.summed_s, abs=0.1)
     assert peak.counts / hand.watch.summed_s < 2 * reading.detector_hz
     hand.move_to(hand.angles)
     assert hand.watch.summed_s == 0.0
@@ -193,3 +196,29 @@ def test_the_newest_of_what_was_said_is_seen(hand: Hand) -> None:
     assert len(shown) == 4
     assert any(line.startswith("2: ") for line in shown)
     assert not any(line.startswith("0: ") for line in shown)
+
+
+def test_a_gate_in_which_the_light_changed_is_neither_light_nor_dark(hand: Hand) -> None:
+    summary = Summary(hand.light)
+    hand.ask_for_light(0.5)
+    updated(hand, lambda: hand.reading is not None and hand.reading.lit is None)
+    assert row(hand)["light"] == "mixed"
+    summary.add(hand)
+    assert (summary.values()["lit_hz"], summary.values()["dark_hz"]) == (None, None)
+    updated(hand, lambda: hand.reading is not None and hand.reading.lit is False)
+    assert row(hand)["light"] == 0
+    summary.add(hand)
+    assert summary.values()["lit_hz"] is None
+
+
+def test_too_much_light_by_hand_is_shut_off(tmp_path: Path) -> None:
+    settings = load("bench", str(bench_file(tmp_path, {"safety": {"trip_cps": 1000.0}})), BenchSettings).settings
+    with open_partial_bench(settings, {"mirror", "counter"}) as bench:
+        hand = Hand(bench, drawn_aim(settings.geometry), Keys(None), Stops())
+        hand.ask_for_light(20.0)
+        with pytest.raises(SafetyTrip, match="above 1e"):
+            updated(hand, lambda: False)
+        assert not hand.light.lit
+        with pytest.raises(SafetyTrip, match="stays closed after a trip"):
+            hand.ask_for_light(20.0)
+        hand.light.end("the test is over")
