@@ -211,14 +211,18 @@ def test_a_gate_in_which_the_light_changed_is_neither_light_nor_dark(hand: Hand)
     assert summary.values()["lit_hz"] is None
 
 
-def test_too_much_light_by_hand_is_shut_off(tmp_path: Path) -> None:
-    settings = load("bench", str(bench_file(tmp_path, {"safety": {"trip_cps": 1000.0}})), BenchSettings).settings
+@pytest.mark.parametrize("alignment", [{}, {"duty": 0.17, "period_s": 0.5}], ids=["all the time", "in short flashes"])
+def test_too_much_light_by_hand_is_shut_off(tmp_path: Path, alignment: dict[str, float]) -> None:
+    """Though no gate may be lit from its beginning to its end."""
+    path = bench_file(tmp_path, {"safety": {"trip_cps": 1000.0}, "alignment": alignment})
+    settings = load("bench", str(path), BenchSettings).settings
     with open_partial_bench(settings, {"mirror", "counter"}) as bench:
         hand = Hand(bench, drawn_aim(settings.geometry), Keys(None), Stops())
         hand.ask_for_light(20.0)
         with pytest.raises(SafetyTrip, match="above 1e"):
             updated(hand, lambda: False)
         assert not hand.light.lit
-        with pytest.raises(SafetyTrip, match="stays closed after a trip"):
+        with pytest.raises(SafetyTrip, match="stays closed after a trip"):  # noqa: PT012 - at once, or with a flash
             hand.ask_for_light(20.0)
+            updated(hand, lambda: False)
         hand.light.end("the test is over")
