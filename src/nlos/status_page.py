@@ -26,7 +26,11 @@ from nlos.time_of_day import shown_after
 
 AGAIN_S = 5
 """How often the browser asks; the folder is looked at no more often than that."""
+OLD_S = 20
+"""A page that is still shown so long after it came says so: by its style, for it has no script, and a browser that
+waits for an answer leaves what it has where it is."""
 LATEST = 12
+_OLD = "No answer: what is below is old. It is of the time beside the name of the folder."
 _HEAD = "<tr><th scope=col>Scan</th><th scope=col>Outcome</th><th scope=col>Why</th></tr>"
 
 
@@ -44,11 +48,12 @@ class StatusPage:
             raise Refused(404)
         still = "still" in request.query
         again = "" if still else f'<meta http-equiv="refresh" content="{AGAIN_S}">'
+        old = "" if still else f'<p class="big old">{_OLD}</p>'
         other = f'<a href="?">Ask again every {AGAIN_S} s</a>' if still else '<a href="?still=1">Hold still</a>'
         return page_answer(
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
             f'content="width=device-width, initial-scale=1">{again}'
-            f'<title>nlos status</title><style nonce="NONCE">{self._style}</style></head><body>{self._current()}'
+            f'<title>nlos status</title><style nonce="NONCE">{self._style}</style></head><body>{old}{self._current()}'
             f"<footer>{other}</footer></body></html>",
             scripts=False,
         )

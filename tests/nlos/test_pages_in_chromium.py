@@ -14,10 +14,11 @@ from nlos.cli.benches import load_bench
 from nlos.doctor.findings import passed
 from nlos.doctor.page import write_page as write_examination
 from nlos.drivers.identity import DeviceIdentity
+from nlos.live.web import Request
 from nlos.runs.index import RunsIndex
 from nlos.runs.page import write_page as write_runs
 from nlos.series.journal import ALARM, Journal
-from nlos.status_page import body
+from nlos.status_page import OLD_S, StatusPage, body
 from tests.chromium import needs_chromium
 from tests.nlos.test_status_page import growing
 
@@ -92,6 +93,23 @@ def test_a_page_fits_a_telephone_and_is_printed_dark_on_white(
     page.emulate_media(media="screen", color_scheme="light")
     assert page.evaluate(LUMA, "color") < 0.2
     page.close()
+
+
+def test_the_page_in_the_corridor_says_that_it_is_old_where_no_newer_one_comes(browser: Any, tmp_path: Path) -> None:
+    """A browser that asks a computer which hangs shows what it had: it said for ever that no scan was under way."""
+    corridor = StatusPage(tmp_path, "corridor-corridor", {"here"})
+    for query, is_told in (({}, True), ({"still": "1"}, False)):
+        answer = corridor(Request("/corridor-corridor/", query, "here"))
+        (tmp_path / "corridor.html").write_bytes(answer.body.replace(b"http-equiv", b"data-held"))
+        page = browser.new_page()
+        page.goto((tmp_path / "corridor.html").as_uri())
+        assert not page.get_by_text("No answer").is_visible()
+        assert page.evaluate("document.getAnimations().map(each => each.effect.getTiming().delay)") == (
+            [1000 * OLD_S] if is_told else []
+        )
+        page.evaluate("document.getAnimations().forEach(each => each.finish())")
+        assert page.get_by_text("No answer: what is below is old").is_visible() == is_told
+        page.close()
 
 
 @pytest.fixture(scope="module")
