@@ -2,6 +2,7 @@
 
 import base64
 import dataclasses
+import io
 import json
 import re
 import shutil
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.colors import Normalize
+from PIL import Image
 
 from nlos.acquisition.recording.ended_as_asked import KIND, NOTHING_LEFT
 from nlos.acquisition.recording.recording import Recording, Status
@@ -980,6 +982,18 @@ def test_depth_is_told_from_nothing_by_who_sees_no_colours(viewer: str, browser:
     assert max(min(a, b) for a, b in (darkest[0:2], darkest[2:4])) < 160  # the paper is 224
     assert min(darkest[4:]) > 220
     assert complaints == []
+    page.close()
+
+
+def test_a_wall_is_as_wide_as_it_is_high_where_it_is_shown_larger_than_it_was_drawn(viewer: str, browser: Any) -> None:
+    """On paper, for which no browser asks a page to draw anew: there the wall was stretched."""
+    page, _ = opened(browser, viewer)
+    page.wait_for_selector('body[data-picture="256"]')
+    page.evaluate("map.draw = () => {}; $('map').style.cssText = 'width: 400px; height: 700px; max-height: none'")
+    with Image.open(io.BytesIO(page.locator("#map").screenshot())) as shown:
+        rgb = np.asarray(shown.convert("RGB")).astype(int)
+    rows, cols = np.nonzero(np.ptp(rgb, axis=2) > 60)  # the colours of the wall and of the bar beside it
+    assert np.ptp(cols) > 0.9 * np.ptp(rows)
     page.close()
 
 
