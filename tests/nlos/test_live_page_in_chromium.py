@@ -1002,6 +1002,8 @@ def test_a_browser_without_scripts_is_not_kept_waiting(viewer: str, browser: Any
     page = context.new_page()
     page.goto(viewer)
     playwright.expect(page.locator("noscript p")).to_be_visible()
+    assert page.get_by_text("connecting").is_hidden()  # it will not
+    assert page.get_by_role("button").count() == 0
     context.close()
 
 

@@ -27,6 +27,10 @@ NEWS_S = 0.02
 """How often it is looked whether there is any."""
 WRITE_S = 20.0
 """How long a visitor may take to read an answer."""
+_ELSEWHERE = (
+    b'{"message": "refused: use the whole address that the command printed, with its last /. A proxy before it has to '
+    b'pass on that name and port as Host."}'
+)
 _REASONS = {200: "OK", 400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
             431: "Request Header Fields Too Large"}  # fmt: skip
 
@@ -160,7 +164,7 @@ class WebServer:
                 await asyncio.sleep(NEWS_S)
             answer = await asyncio.get_running_loop().run_in_executor(self._threads, self._answer, request)
         except Refused as refused:
-            answer = Answer(b'{"message": "refused"}', refused.status)
+            answer = Answer(_ELSEWHERE if refused.status == 403 else b'{"message": "refused"}', refused.status)
         kept = more and answer.status in (200, 404)
         await self._send(writer, answer, kept)
         return kept
