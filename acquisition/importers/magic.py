@@ -19,22 +19,30 @@ _SUPERBLOCKS = (0, 512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
 def is_recording(path: Path) -> bool:
     """Whether `path` says that it is a recording of our own. Told by its bytes: HDF5 itself may not return from a
     damaged file, and this is asked of every file."""
-    if magic_of(path) != HDF5_MAGIC:
-        return False
+    check_is_file(path)
     word = FORMAT.encode("ascii")
     with read_bytes(path) as file:
+        if not _go_to_hdf5(file):
+            return False
         head = file.read(_FIRST_BYTES)  # where ours have it; a damaged file is read on
         return word in head or word in head[-len(word) :] + file.read(_HEAD_BYTES - _FIRST_BYTES)
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file says that it is HDF5, also behind a block of the user's own, as MATLAB writes it."""
+    """Whether a file says that it is HDF5."""
     check_is_file(path)
     with read_bytes(path) as file:
-        for at in _SUPERBLOCKS:
+        return _go_to_hdf5(file)
+
+
+def _go_to_hdf5(file: BinaryIO) -> bool:
+    """Goes to where HDF5 begins, also behind a block of the user's own, as MATLAB and `h5jam` write it; whether it
+    does."""
+    for at in _SUPERBLOCKS:
+        file.seek(at)
+        if file.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
             file.seek(at)
-            if file.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
-                return True
+            return True
     return False
 
 

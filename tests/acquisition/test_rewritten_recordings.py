@@ -7,9 +7,12 @@ import h5py
 import numpy as np
 import pytest
 
+import nlos
 from nlos.__main__ import run
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.verification import verify
 from tests.scan_texts import THREE_BY_FOUR, recorded
 
 
@@ -38,6 +41,21 @@ def test_texts_of_a_fixed_length_and_notes_of_others_are_no_damage(recording: Pa
         assert second.plan.digest() == first.plan.digest()
         assert np.array_equal(second.transient().counts, first.transient().counts)
     assert run(["verify", str(tmp_path / "copy.h5")]) == 0
+
+
+@pytest.mark.parametrize("length", [512, 4096])
+def test_a_recording_behind_a_block_of_the_users_own_is_read(recording: Path, tmp_path: Path, length: int) -> None:
+    """What `h5jam` makes, of a note on the sample say. None that is resumed is taken for a damaged one."""
+    jammed = tmp_path / "jammed.h5"
+    jammed.write_bytes(b"A hat. ".ljust(length, b"\0") + recording.read_bytes())
+    assert nlos.load(jammed).counts.tobytes() == nlos.load(recording).counts.tobytes()
+    for words in (["verify"], ["info"], ["recover", "-o", str(tmp_path / "again.h5")]):
+        assert run([*words, str(jammed)]) == 0
+    assert verify(tmp_path / "again.h5").complete
+    with Recording.open(jammed) as found:
+        plan = found.plan
+    assert settle(jammed, plan)
+    assert not list(tmp_path.glob("jammed.h5?*"))
 
 
 @pytest.mark.parametrize("stored", [{"compression": "gzip"}, {"maxshape": (None,)}, {"chunks": True}])
