@@ -17,11 +17,13 @@ from nlos.calibration.close_pulse import doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
-from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
+from nlos.calibration.errors import NoDirectPeak, NothingBehind
 from nlos.calibration.first_click import doubt_pile_up
+from nlos.calibration.known_arrivals import known_arrival_bins, require_arrivals
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
+from nlos.calibration.wall_brightness import HiddenLight, doubt_wall_brightness, wall_brightness
 from nlos.calibration.without_second_pulse import without_second_pulse
 
 Floats = npt.NDArray[np.float64]
@@ -50,6 +52,8 @@ class CorrectedPoints:
     """Light (counts) that is not used: after the last bin of `time`, at points that recorded longer."""
     second: SecondPulse | None = None
     """A second pulse that was taken out."""
+    light: Floats | None = None
+    """(N,); how bright hidden light is for the wall's sake, where exposures were multiplied by it."""
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
@@ -109,6 +113,8 @@ class KnownDirect:
     """When it comes, in bins after the start of the record: (N,), or (H, W) of a grid."""
     second: SecondPulse | None = None
     """One that comes again behind it, and is taken out."""
+    light: Floats | None = None
+    """(N,); what exposures are multiplied by, as `CorrectedPoints.light`."""
 
 
 def correct_points(
@@ -154,7 +160,11 @@ def correct_points(
     if offsets is not None and remove_direct:
         doubt_close_pulse(done.direct.close)
         doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
-    return done if second is None or not second.even else _without(raw, timed, second)
+    if second is not None and second.even:
+        done = _without(raw, timed, second)
+    if known is not None and known.light is not None:
+        return replace(done, exposure_s=done.exposure_s * known.light, light=known.light)
+    return done if offsets is None or not remove_direct else _evened(done, offsets, raw)
 
 
 def correct(
@@ -183,7 +193,7 @@ def correct_known(raw: RawPoints, constants: BenchConstants, bins: int | None = 
     """The same with nothing measured: arrivals, background and the direct light's shape are the constants', so that
     points can be corrected as they arrive, `bins` long. Raises `InvalidData` for constants without arrivals or for
     another bin width."""
-    _require_arrivals(constants, raw.time)
+    require_arrivals(constants, raw.time)
     counts, variance = undo_dead_time(raw, constants)
     arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
     rates = [q.value for q in (constants.dark_hz, constants.ambient_hz) if q is not None]
@@ -197,23 +207,6 @@ def correct_sample(sample: Sample, constants: BenchConstants, bins: int) -> Corr
     see `common_bins`."""
     done = correct_known(raw_points.from_sample(sample), constants, bins)
     return CorrectedSample(sample.point, done.counts[0], done.usable[0], float(done.exposure_s[0]), done.time)
-
-
-def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> int:
-    """Bins from the direct arrival on that all of these points record."""
-    _require_arrivals(constants, time)
-    latest = float(known_arrival_bins(constants, x_m, y_m, time).max())
-    if not latest < time.bins - 1:
-        raise InvalidData(
-            f"direct light arrives up to bin {latest:.0f}, but the record has {time.bins}: lengthen the histogram."
-        )
-    return time.bins - int(np.ceil(latest))
-
-
-def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> Floats:
-    """Direct arrivals by the constants, in bins after the start of the record."""
-    assert constants.arrivals is not None
-    return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
 
 
 @dataclass(frozen=True)
@@ -273,6 +266,16 @@ def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoi
     return replace(_finish(raw, replace(timed, counts=counts, variance=variance)), second=second)
 
 
+def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> CorrectedPoints:
+    """The same of a wall that is as bright everywhere."""
+    hidden = HiddenLight(done.counts, done.variance, done.usable, done.exposure_s, raw.x_m, raw.y_m)
+    found = wall_brightness(hidden, offsets)
+    if found is None:
+        return done
+    doubt_wall_brightness(found)
+    return replace(done, exposure_s=done.exposure_s * found.light, light=found.light)
+
+
 def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:
     """Bins from the direct arrival on that every point recorded, strays aside: one must not shorten all others."""
     held = arrival if offsets is None else np.where(offsets.stray, -np.inf, arrival)
@@ -284,16 +287,6 @@ def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> 
             "recorded behind it. Lengthen the histogram or start it later."
         )
     return bins
-
-
-def _require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:
-    if constants.arrivals is None:
-        raise InvalidData("these constants hold no direct arrivals: calibrate with a scan, not only with a dark run.")
-    if abs(constants.bin_width_s / time.bin_width_s - 1) > 1e-6:
-        raise InvalidData(
-            f"these constants are for bins of {constants.bin_width_s * 1e12:.2f} ps, the data have "
-            f"{time.bin_width_s * 1e12:.2f} ps."
-        )
 
 
 def _cube(counts: npt.NDArray[np.float32], shape: tuple[int, int, int]) -> npt.NDArray[np.float32]:

@@ -69,7 +69,7 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
     _tell_calibration(done, log.log)
-    return None if done.offsets is None else DirectTimes(done.offsets, places, done.second)
+    return None if done.offsets is None else DirectTimes(done.offsets, places, done.second, done.light)
 
 
 def calibrate_scan(

@@ -27,6 +27,8 @@ class DirectTimes:
     """Which of the offsets is that of a position (x, y) in metres; None on a grid, where they lie row by row."""
     second: "SecondPulse | None" = None
     """One that comes again behind the direct light and is taken out."""
+    light: npt.NDArray[np.float64] | None = None
+    """(N,): how bright hidden light is for the wall's sake, where it is not even."""
 
     @property
     def offset_bins(self) -> npt.NDArray[np.float64]:
@@ -47,7 +49,7 @@ class DirectTimes:
         """Those of all points."""
         from nlos.calibration.correct import KnownDirect
 
-        return KnownDirect(self.offset_bins, self.second)
+        return KnownDirect(self.offset_bins, self.second, self.light)
 
     def of(self, points: "RawPoints") -> "KnownDirect":
         """Those of some of the positions. Raises `InvalidData` for one that is not the scan's."""
@@ -57,4 +59,5 @@ class DirectTimes:
         at = [self.places.get(place) for place in zip(points.x_m.tolist(), points.y_m.tolist(), strict=True)]
         if None in at:
             raise InvalidData(f"{points.name(at.index(None))} is none of the scan whose direct light is known.")
-        return KnownDirect(self.offset_bins[np.array(at, dtype=np.int64)], self.second)
+        some = np.array(at, dtype=np.int64)
+        return KnownDirect(self.offset_bins[some], self.second, None if self.light is None else self.light[some])

@@ -13,7 +13,8 @@ import pytest
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.calibration.constants import load
-from nlos.calibration.correct import common_bins, correct_known
+from nlos.calibration.correct import correct_known
+from nlos.calibration.known_arrivals import common_bins
 from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError

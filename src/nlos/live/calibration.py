@@ -7,8 +7,9 @@ import numpy as np
 
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.calibration.correct import common_bins, correct_sample
+from nlos.calibration.correct import correct_sample
 from nlos.calibration.errors import CalibrationError, NoDirectPeak
+from nlos.calibration.known_arrivals import common_bins
 from nlos.live.time_zero import TimeZero
 from nlos.response import response_of
 

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.recording.frames import LEAST_PART
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points, known_arrival_bins
+from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points
+from nlos.calibration.known_arrivals import known_arrival_bins
 from nlos.calibration.raw_points import RawPoints
 from nlos.chain import calibrate_scan
 from nlos.live.calibrated import Calibrated
@@ -51,6 +52,8 @@ class Alignment:
     """That all points have behind their direct light."""
     second: "SecondPulse | None"
     """Light that comes once more behind it, and is taken out."""
+    light: npt.NDArray[np.float64] | None
+    """(H * W,): how bright hidden light is for the wall's sake, where it is not even."""
 
 
 class LiveFilm:
@@ -191,7 +194,9 @@ class LiveFilm:
             assert self._constants is not None
             x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(scan.transient.wall.x_m(), scan.transient.wall.y_m()))
             arrival_bins = known_arrival_bins(self._constants, x_m, y_m, scan.transient.time)
-        self._alignment = Alignment(arrival_bins, transient.response, transient.time.bins, found[0].second)
+        self._alignment = Alignment(
+            arrival_bins, transient.response, transient.time.bins, found[0].second, found[0].light
+        )
         self._zero = TimeZero.of(scan, found[0], self._constants)
 
     def _moments(self, samples: "list[Sample]") -> Moments:
@@ -213,7 +218,9 @@ class LiveFilm:
             np.array([each.total_count for each in held], dtype=np.float64),
             TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s),
         )  # fmt: skip
-        direct = KnownDirect(known.arrival_bins[row * plan.wall.cols + col], known.second)
+        at = row * plan.wall.cols + col
+        light = None if known.light is None else known.light[at]
+        direct = KnownDirect(known.arrival_bins[at], known.second, light)
         done = correct_points(raw, self._constants, known=direct)
         taken_s = np.array([each.taken_s + each.histogram.live_time_s / 2 for each in samples])
         used = done.exposure_s > 0

@@ -1,0 +1,38 @@
+"""Direct arrivals by known constants, and how long a record lasts behind them."""
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.constants import BenchConstants
+from nlos.calibration.errors import InvalidData
+
+Floats = npt.NDArray[np.float64]
+
+
+def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> int:
+    """Bins from the direct arrival on that all of these points record."""
+    require_arrivals(constants, time)
+    latest = float(known_arrival_bins(constants, x_m, y_m, time).max())
+    if not latest < time.bins - 1:
+        raise InvalidData(
+            f"direct light arrives up to bin {latest:.0f}, but the record has {time.bins}: lengthen the histogram."
+        )
+    return time.bins - int(np.ceil(latest))
+
+
+def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> Floats:
+    """Direct arrivals by the constants, in bins after the start of the record."""
+    assert constants.arrivals is not None
+    return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
+
+
+def require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:
+    """Raises `InvalidData` for constants without arrivals, or for another bin width."""
+    if constants.arrivals is None:
+        raise InvalidData("these constants hold no direct arrivals: calibrate with a scan, not only with a dark run.")
+    if abs(constants.bin_width_s / time.bin_width_s - 1) > 1e-6:
+        raise InvalidData(
+            f"these constants are for bins of {constants.bin_width_s * 1e12:.2f} ps, the data have "
+            f"{time.bin_width_s * 1e12:.2f} ps."
+        )
