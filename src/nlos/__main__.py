@@ -95,7 +95,8 @@ def run(arguments: list[str]) -> int:
     if version:
         from nlos.version import __version__
 
-        print(f"nlos {__version__}")
+        terminal.result(f"nlos {__version__}", version=__version__)
+        terminal.finish()
         return 0
 
     if terminal.as_json:

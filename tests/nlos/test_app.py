@@ -94,6 +94,7 @@ def test_what_cannot_be_reconstructed_is_refused_before_anything_is_written(
 
 def test_the_version_is_told_everywhere() -> None:
     assert nlos("scan", "--version").stdout.startswith("nlos ")
+    assert json.loads(nlos("--json", "--version").stdout) == {"version": nlos("--version").stdout.split()[1]}
 
 
 @pytest.mark.parametrize(
