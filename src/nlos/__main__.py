@@ -64,8 +64,8 @@ def main() -> None:
     except KeyboardInterrupt:  # also one that came when all was done
         ignore_interrupts()
         code = 130
-    code = code_of_results(code)
     end_at_once_at_sigterm()
+    code = code_of_results(code)
     end_within(code)
     sys.exit(code)
 

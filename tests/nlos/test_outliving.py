@@ -126,6 +126,17 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path, words: str) -
     assert (ended.returncode, ended.stderr) == (0, b"")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="its terminals do not hang up")
+@pytest.mark.parametrize("words", ["patterns", "schema scan --json"])
+def test_a_terminal_that_hung_up_before_the_command_began_is_no_full_disk(tmp_path: Path, words: str) -> None:
+    """What was begun in the background, to come after something else."""
+    ours, theirs = os.openpty()
+    os.close(ours)
+    ended = subprocess.run([*NLOS.split(), *words.split()], stdout=theirs, stderr=subprocess.PIPE, cwd=tmp_path)
+    os.close(theirs)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+
+
 def test_a_document_that_a_limit_cut_is_not_called_printed(tmp_path: Path) -> None:
     script = f"ulimit -f 1; {NLOS} schema scan > scan.json"
     ended = subprocess.run(["bash", "-c", script], stderr=subprocess.PIPE, cwd=tmp_path)

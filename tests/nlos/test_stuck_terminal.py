@@ -5,6 +5,7 @@ import contextlib
 import os
 import pty
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -29,7 +30,12 @@ histogram: {bins: 512, bin_width_ps: 32, offset_ns: 8}
 """
 
 
-@pytest.mark.parametrize("opened", [pty.openpty, os.pipe])
+def socket_pair() -> list[int]:
+    """As the system's log and some ssh servers give a program for its output."""
+    return [each.detach() for each in socket.socketpair()]
+
+
+@pytest.mark.parametrize("opened", [pty.openpty, os.pipe, socket_pair])
 def test_what_nobody_takes_is_dropped_in_the_light_and_what_somebody_takes_is_whole(opened: object) -> None:
     ours, theirs = opened()  # type: ignore[operator]
     whole = "".join(f"line {number}\n" for number in range(100))

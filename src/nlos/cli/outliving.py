@@ -2,13 +2,14 @@
 
 A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
 these is a reason to end a scan in its middle. Nor does light wait for a terminal that takes nothing more (Ctrl-S, a
-connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped, also
-what was waiting for them since before. Nor does a bench that is being closed wait for one, nor the end of a command
-that a signal ended.
+connection that hangs), or a pipe or socket whose reader sleeps: while it is on, what they do not take at once is
+dropped, also what was waiting for them since before. Nor does a bench that is being closed wait for one, nor the end
+of a command that a signal ended.
 
 Of a file, results that its disk did not take are remembered: somebody will read it, and has to be told.
 """
 
+import errno
 import os
 import select
 import stat
@@ -93,7 +94,7 @@ class OutlivingStream(PassingStream):
         """What is still buffered goes there too, also when the interpreter flushes for the last time."""
         self._unwaiting = None
         try:
-            if isinstance(why, OSError) and not self._is_terminal and _is_file(self.sent.fileno()):
+            if isinstance(why, OSError) and not self._is_terminal and _is_of_a_disk(self.sent.fileno(), why):
                 self.refused = self.refused or why
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.sent.fileno())
@@ -108,15 +109,17 @@ class OutlivingStream(PassingStream):
             return False
 
 
-def _is_file(number: int) -> bool:
-    """Whether it leads to a file or a device, not to a reader who may leave."""
+def _is_of_a_disk(number: int, why: OSError) -> bool:
+    """Whether it leads to a file or a device, not to a reader who may leave. A terminal that hung up before the command
+    began is told by its error alone."""
     mode = os.fstat(number).st_mode
-    return stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISBLK(mode)
+    return stat.S_ISREG(mode) or stat.S_ISBLK(mode) or (stat.S_ISCHR(mode) and why.errno != errno.EIO)
 
 
 def _without_waiting(sent: TextIO) -> int | None:
-    """A file number for the same terminal or pipe, writing to which waits for nothing once it says that it has room;
-    None where there is none, or no need. A terminal's is its own, so that who shares the terminal waits as before."""
+    """A file number for the same terminal, pipe or socket (of `ssh HOST nlos`, or the system's log), writing to which
+    waits for nothing once it says that it has room; None where there is none, or no need. A terminal's is its own, so
+    that who shares the terminal waits as before."""
     if not hasattr(os, "ttyname"):
         return None
     try:
@@ -124,7 +127,7 @@ def _without_waiting(sent: TextIO) -> int | None:
         if os.isatty(number):
             return os.open(os.ttyname(number), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
         mode = os.fstat(number).st_mode
-        return number if stat.S_ISFIFO(mode) or (stat.S_ISSOCK(mode) and not os.get_blocking(number)) else None
+        return number if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) else None
     except (OSError, ValueError):
         return None
 
