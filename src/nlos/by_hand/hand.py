@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from nlos.acquisition.direct_peak import DirectPeak
 from nlos.acquisition.planning.aim import Aiming
@@ -75,6 +75,13 @@ class Hand:
         self._waiting.clear()
         return found
 
+    def each_pressed(self) -> Iterator[str]:
+        """The same, one after the other: while one of them is answered, whoever asks whether something else is wanted
+        than light finds the others still waiting."""
+        self._look_at_keys()
+        for _ in range(len(self._waiting)):
+            yield self._waiting.popleft()
+
     def update(self) -> None:
         """One gate, and the direct peak in the last second's. Raises `DeviceError` with the light as it is."""
         self._meanwhile()
@@ -102,7 +109,7 @@ class Hand:
         if self.watch is not None:
             self.watch.forget()
 
-    def try_to(self, act: Callable[[], None]) -> bool:
+    def try_to(self, act: Callable[[], object]) -> bool:
         """Does it, or notes what is in the way: the person decides what is next."""
         try:
             act()
@@ -121,15 +128,17 @@ class Hand:
         else:
             self.watch.set_axis(part_of_period(counter, max(start_s, 0.0), end_s, _LONGEST_AXIS_DWELL_S, _ZOOMED_BINS))
 
-    def ask_for_light(self, seconds: float) -> None:
-        """Raises `LimitError` where there is none to be had, or the beam is where it may not be."""
+    def ask_for_light(self, seconds: float) -> bool:
+        """Whether there is some, or another key in the warning time before it wanted none. Raises `LimitError` where
+        there is none to be had, or the beam is where it may not be."""
         if self.no_light:
             raise refused_light(self.light_is_known, self.no_light, "Start again where there may be light.")
         if self.reach is not None:
             self.reach.check(self.angles)
-        self.light.ask(seconds)
-        if not self.light.wanted:
+        given = self.light.ask(seconds)
+        if not given:
             self.note(_BROKEN_OFF)
+        return given
 
     def _hold(self) -> bool:
         """Light for who holds the key; False where what was pressed with it is of before a warning time."""

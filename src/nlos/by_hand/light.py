@@ -70,20 +70,23 @@ class LightOnRequest:
                 "Ask for less, or change alignment.longest_s in the bench file.",
             )
 
-    def ask(self, seconds: float) -> None:
-        """Light for so long from now on. Raises `LimitError` where there is none to be had."""
+    def ask(self, seconds: float) -> bool:
+        """Light for so long from now on; False, and none, where it was broken off in the warning time before it, be it
+        at its very end. Raises `LimitError` where there is none to be had."""
         self.check(seconds)
         assert self._shutter is not None
         if not self.wanted:
             self._shutter.release()  # somebody asks again, after whatever shut the light
+        warns = not self._shutter.is_armed()
         self.arm(self._shutter)
-        if not self._shutter.is_armed() and self.broken_off():
-            return
+        if warns and self.broken_off():
+            return False
         now_s = self._clock.now()
         if self._until_s <= now_s:
             self._began_s = now_s
         self._until_s = max(self._until_s, now_s + seconds)
         self.tick()
+        return True
 
     def arm(self, shutter: GuardedShutter) -> None:
         """What has to happen before light; Ctrl-Z in its warning time stops the program, and the warning comes anew.

@@ -55,7 +55,7 @@ def jog(
             hand.ask_for_light(light)
         with screen_of_terminal(hand.stops) as screen:
             while not jogging.ended:
-                for key in hand.pressed():
+                for key in hand.each_pressed():
                     jogging.press(key)
                 screen.draw(jogging.lines(screen.size.columns, screen.size.lines))
                 hand.update()

@@ -60,8 +60,7 @@ def point(
             x_deg=x_deg, y_deg=y_deg, x_m=x_m, y_m=y_m, light_s=light or 0.0,
         )  # fmt: skip
         if light is not None:
-            hand.ask_for_light(light)
-            if hand.light.wanted:
+            if hand.ask_for_light(light):
                 terminal.log(f"light for {light:g} s")
         elif hand.keys.there and hold is None:
             by_key = f"No light: {hand.no_light} Any" if hand.no_light else "SPACE, held down: light. Any other"

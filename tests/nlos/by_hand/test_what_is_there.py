@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 
 from nlos.__main__ import run
+from nlos.by_hand.opening import in_hand
 from nlos.cli.terminal import terminal
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings
 from tests.nlos.by_hand.at_a_terminal import at_a_terminal
 from tests.nlos.by_hand.witness import STARVED_S, account, bench_file
 
@@ -335,6 +338,33 @@ def test_q_in_the_warning_time_ends_in_the_dark_without_waiting_for_it(
             child.wait_for("+0.1000   y   +0.0000 deg")
         child.press(" q")
         assert child.ends() == 0
+    assert not account(tmp_path).lit
+
+
+def test_a_key_at_the_very_end_of_the_warning_time_comes_before_light(tmp_path: Path) -> None:
+    """Within the tenth of a second in which nobody looks at keys any more."""
+    path = bench_file(tmp_path, {"arm": {"delay_s": 0.3, "remote": True}})
+    with in_hand(load("bench", str(path), BenchSettings), {"mirror"}, 0.2) as hand:
+        assert hand.bench.shutter is not None
+        hand.light.broken_off = hand.bench.shutter.is_armed
+        assert not hand.ask_for_light(0.2)
+        assert hand.notes[-1] == "no light: another key was pressed in its warning time"
+        assert not account(tmp_path).lit
+        assert hand.ask_for_light(0.2)  # no warning time any more: whoever asks wants it
+    assert account(tmp_path).lit
+
+
+def test_q_right_behind_tab_ends_in_the_dark(tmp_path: Path) -> None:
+    """Both are read at once."""
+    path = bench_file(tmp_path, {"arm": {"delay_s": 60.0, "remote": True}})
+    with at_a_terminal(tmp_path, "jog", "--light", "2", "--bench", str(path)) as child:
+        child.wait_for("light in 60 s")
+        child.press("right")
+        child.wait_for("+0.1000   y   +0.0000 deg")
+        announced = child.said.count("light in 60 s")
+        child.press("\tq")
+        assert child.ends() == 0
+        assert child.said.count("light in 60 s") == announced
     assert not account(tmp_path).lit
 
 
