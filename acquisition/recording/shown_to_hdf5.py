@@ -44,8 +44,9 @@ def written_hdf5(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def _signals_wait() -> Iterator[None]:
-    """While HDF5 calls back into Python, a signal whose handler may raise waits for the end of the block: HDF5 would
-    take the exception for a failure of the disk. An open bench shuts its light at once all the same."""
+    """While HDF5 calls back into Python, what a signal's handler raises waits for the end of the block: HDF5 would take
+    the exception for a failure of the disk. What it does it does at once: it may shut the light of a bench that another
+    thread opened. So does a bench that this one opened."""
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are handled elsewhere
     elif a_bench_is_open():
@@ -61,14 +62,23 @@ def _signals_wait() -> Iterator[None]:
 
 
 def _put_off(number: int, handler: Callable[[int, FrameType | None], object], afterwards: ExitStack) -> None:
-    """From now on what `handler` does about a signal is done `afterwards`, when it has its place back. It is given the
-    frame of that time: the frames of h5py that the signal came into must not be kept by an error either."""
-    came: list[int] = []
+    """From now on what `handler` raises is raised `afterwards`, when it has its place back; without the frames of h5py
+    that the signal came into, which must not be kept by an error either."""
+    raised: list[BaseException] = []
+
+    def at_once(number: int, frame: FrameType | None) -> None:
+        under_way = sys.exception()
+        try:
+            handler(number, frame)
+        except BaseException as error:
+            if error.__context__ is under_way:
+                error.__context__ = None
+            raised.append(error.with_traceback(None))
 
     def delivered() -> None:
         signal.signal(number, handler)
-        if came:
-            handler(number, sys._getframe())
+        if raised:
+            raise raised[0]
 
-    signal.signal(number, lambda number, frame: came.append(number))
+    signal.signal(number, at_once)
     afterwards.callback(delivered)

@@ -1,11 +1,16 @@
 """A signal that comes while HDF5 calls back into Python is answered when HDF5 is done, not within: HDF5 would take the
 exception for a failure of the disk, and crash the process at its end."""
 
+import contextlib
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
+
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 
 AT_EVERY_CALL = """
 import signal, sys
@@ -83,3 +88,30 @@ def test_a_signal_at_every_call_back_is_raised_once_and_the_file_is_whole(tmp_pa
     command = [sys.executable, "-c", AT_EVERY_CALL, number]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_a_handler_that_shuts_the_light_of_another_threads_bench_does_so_at_once(tmp_path: Path, raises: bool) -> None:
+    """The bench hears no signal itself then: the program's own handler is what shuts it."""
+    done: list[str] = []
+
+    def shut(number: int, frame: object) -> None:
+        done.append("dark")
+        if raises:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, shut)
+    try:
+        expected = pytest.raises(KeyboardInterrupt) if raises else contextlib.nullcontext()
+        with expected, written_hdf5(tmp_path / "a.h5") as file:
+            file["a"] = 1
+            signal.raise_signal(signal.SIGTERM)
+            assert done == ["dark"]
+            file["b"] = 2
+            done.append("written")
+        assert done == ["dark", "written"]
+        assert signal.getsignal(signal.SIGTERM) is shut
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert (file["a"][()], file["b"][()]) == (1, 2)
