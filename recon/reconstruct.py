@@ -41,7 +41,8 @@ def reconstruct(
 ) -> Reconstruction:
     """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light);
     and how much of the light that explains, unless `explain` is False. With `elsewhere` it is asked, too, whether
-    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`).
+    a wall of another size would explain more, of methods that can tell (`other_geometry.TELLING`), and, where it is
+    little, whether no response would.
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -83,11 +84,13 @@ def reconstruct(
         response_used=rebinned.response is not None and takes,
     )
     refuse_not_finite(result)
-    return (
-        replace(result, explained=explained(transient, method, settings, device, elsewhere=elsewhere))
-        if explain
-        else result
-    )
+    if not explain:
+        return result
+    found = explained(transient, method, settings, device, elsewhere=elsewhere)
+    if elsewhere and found.little and transient.response is not None:
+        without = explained(replace(transient, response=None), method, settings, device)
+        found = blame_response(found, without, transient.response.source)
+    return replace(result, explained=found)
 
 
 def get_ready(transient: Transient, method: str, settings: Mapping[str, object] | None = None) -> None:
@@ -109,8 +112,8 @@ def explained(
     elsewhere: bool = False,
 ) -> Explained:
     """What a picture of a part of `transient`, in the bins that it came in, explains of the rest: added up, a bin's
-    light passes for noise. Without averages over mirror images, for speed. `elsewhere` as for `reconstruct`; where
-    little is explained with a response, another picture tells whether that is to blame. Raises `InvalidSettings`."""
+    light passes for noise. Without averages over mirror images, for speed. `elsewhere` as for `reconstruct`, but for
+    the response, which pictures that are made again and again do not look for. Raises `InvalidSettings`."""
     chosen = parse_settings(method, dict(settings or {}))
     quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
     falloff = getattr(chosen, "falloff", None)
@@ -123,13 +126,9 @@ def explained(
 
     falloffs = (4.0, 2.0) if falloff is None else (float(falloff),)
     asked = elsewhere and name_of(method) in TELLING
-    found = explained_light(
+    return explained_light(
         transient, see, falloffs, lambda part: rebin(part, _bin_width_s(chosen, part)), elsewhere=asked
     )
-    if elsewhere and found.little and transient.response is not None:
-        without = explained(replace(transient, response=None), method, settings, device)
-        return blame_response(found, without, transient.response.source)
-    return found
 
 
 def _see(

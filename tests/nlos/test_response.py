@@ -1,5 +1,6 @@
 """What the instrument makes of an instant: where it is taken from, in which order, and what is refused."""
 
+import json
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,6 +37,7 @@ from nlos.recon.volume import Reconstruction
 from nlos.report import page
 from nlos.response import known_response, lateral_m, response_wanted, say_response
 from nlos.results_folder import ResultsFolder
+from tests.scan_texts import COARSE_TO_FINE
 
 pytestmark = pytest.mark.usefixtures("one_child_reads")
 
@@ -214,6 +216,13 @@ def test_the_result_says_what_was_taken(nlos: Nlos, tmp_path: Path) -> None:
     assert "response: 2000 ps FWHM, a Gaussian, as given" in done.stdout
     assert "response: " not in done.stderr  # it is said once
     assert "is slow for this wall" in done.stderr
+
+
+def test_a_scan_says_of_its_picture_that_the_response_it_was_told_is_wrong(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(COARSE_TO_FINE.replace("{kind: coarse_to_fine, batch: 8}", "serpentine"))
+    done = nlos("scan", "s.yaml", "-o", "run.h5", "--reconstruct", "lct", "--response", "4000", "--json")
+    assert "(without the response (a Gaussian, as given) it explains" in done.stderr
+    assert "try --response none" in json.loads(done.stdout)["reconstruction"]["explained_note"]
 
 
 def test_a_report_shows_the_picture_that_reconstruct_makes(

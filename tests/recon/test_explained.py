@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -22,6 +23,7 @@ from nlos.recon.explained_hot import hot_points
 from nlos.recon.explained_parts import KEPT, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
+from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import catalogue
 from nlos.recon.pictures import NOTHING, summary_figure
 from nlos.recon.reconstruct import reconstruct
@@ -380,6 +382,26 @@ def test_a_response_that_the_light_does_not_bear_out_is_named(fwhm_s: float, bla
         r"without the response \(run.h5: response_fwhm_ps\) it explains (\d+) .*--response none", str(told.note)
     )
     assert (said is not None and int(said[1]) > 50) == blamed, told
+
+
+def test_pictures_that_are_made_again_and_again_look_for_no_other_response(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a scan that has just begun each explains little; the page has no room for why, either."""
+    scan, judged = replace(drawn(100.0)[1], response=gaussian(3e-9, "constants.h5")), list[bool]()
+
+    def counted(transient: Transient, *given: Any, **more: Any) -> Explained:
+        judged.append(transient.response is not None)
+        return explained_light(transient, *given, **more)
+
+    monkeypatch.setattr("nlos.recon.reconstruct.explained_light", counted)
+    live = LiveReconstruction("lct")
+    told = live.explained(live.update(scan, 64), scan).reconstruction.explained
+    assert told is not None
+    assert told.little
+    assert judged == [True]
+    reconstruct(scan, "lct")
+    assert judged == [True, True]
+    reconstruct(scan, "lct", elsewhere=True)
+    assert judged == [True, True, True, False]
 
 
 def test_what_cannot_be_judged_says_why() -> None:

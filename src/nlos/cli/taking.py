@@ -292,9 +292,9 @@ def _reconstruct(run: Path, recipe: Recipe, overwrite: bool) -> None:
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({recipe.method}, {done.seconds:.2f} s)")
     terminal.log(f"response: {response_words(done)}")
     explained = done.explained or NOT_LOOKED_FOR
-    terminal.log(f"{folder}: {explained}", -1 if explained.nothing or explained.doubt else 0)
+    terminal.log(f"{folder}: {explained}{explained.remark}", -1 if explained.nothing or explained.doubt else 0)
     terminal.document["reconstruction"] = {
         "folder": str(folder), "method": recipe.method, "seconds": done.seconds, "files": files_in(folder),
-        "explained": explained.share, "explained_error": explained.error, "explained_doubt": explained.doubt,
-        "response": response_words(done),
+        "explained": explained.share, "explained_error": explained.error, "explained_note": explained.note,
+        "explained_doubt": explained.doubt, "response": response_words(done),
     }  # fmt: skip
