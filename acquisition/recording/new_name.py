@@ -12,6 +12,8 @@ def put_new(path: Path, target: Path, other: str = "name") -> None:
     except FileExistsError as error:
         if not os.path.samestat(os.lstat(path), os.lstat(target)):  # a network share asks twice where an answer is lost
             raise _taken(target, other) from error
+    except FileNotFoundError:  # its own folder is gone, say: no name is taken for what is not there
+        raise
     except (OSError, NotImplementedError):
         _put_without_second_names(path, target, other)
 

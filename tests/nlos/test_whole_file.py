@@ -109,6 +109,12 @@ def test_a_name_whose_taking_the_share_was_asked_twice_is_taken(
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"page.html": "new"}
 
 
+def test_no_name_is_taken_for_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        put_new(tmp_path / "gone.part", tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_name_that_could_not_be_given_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "link", raising(PermissionError(1, "Operation not permitted")))
     monkeypatch.setattr(Path, "replace", raising(OSError(5, "Input/output error", str(tmp_path / "page.html"))))

@@ -127,7 +127,10 @@ class Jog:
         except OSError as error:
             self._hand.note(f"not marked: {self._marks.path} cannot be written ({error.strerror})")
             return ""
-        except (InvalidData, UnicodeDecodeError) as error:
+        except UnicodeDecodeError:
+            self._hand.note(f"not marked: {self._marks.path} is no text, so no table of spots")
+            return ""
+        except InvalidData as error:
             self._hand.note(f"not marked: {error}")
             return ""
         bench = self._hand.bench

@@ -20,6 +20,9 @@ def test_a_table_that_is_spoilt_or_put_away_while_jog_runs_ends_nothing(tmp_path
         table.write_text("x,y\n")
         child.press("m", "0 0", "\r")
         child.wait_for("not marked: spots.csv: its header has no column")
+        table.write_bytes(b"PK\x03\x04\xff\xfe")  # saved as a spreadsheet's own file
+        child.press("m", "0 0", "\r")
+        child.wait_for("not marked: spots.csv is no text, so no table of spots")
         table.unlink()
         child.press("m", "0 0.001", "\r")
         child.wait_until(table.exists, "a new table")
