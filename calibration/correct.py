@@ -20,6 +20,7 @@ from nlos.calibration.direct_reflection import DirectLight, find_direct_light, k
 from nlos.calibration.errors import NoDirectPeak, NothingBehind
 from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.known_arrivals import known_arrival_bins, require_arrivals
+from nlos.calibration.light_of_pulse_before import without_light_of_pulse_before
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
@@ -154,6 +155,8 @@ def correct_points(
     counts = subtract_dark(counts, raw, constants)
     dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
+    if offsets is not None and np.array_equal(counts, raw.counts):  # else what was undone is not that well known
+        background = without_light_of_pulse_before(background, counts, arrival + lead_s / raw.time.bin_width_s)
     timed = _Timed(counts, variance, arrival, background, offsets)
     done = _finish(raw, timed, remove_direct=remove_direct)
     second = None if known is None else known.second

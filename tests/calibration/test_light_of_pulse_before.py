@@ -1,0 +1,51 @@
+"""Hidden light that the next pulse overtakes: recorded before the direct light, where ambient light is measured."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.correct import correct_points
+from nlos.calibration.raw_points import RawPoints
+
+SIDE, BINS, WIDTH_S, AMBIENT = 14, 400, 32e-12, 0.3
+SCANNER_M = np.array([0.1, -0.2, 1.4])
+
+
+def scan(far: float, ambient: float = AMBIENT) -> RawPoints:
+    """A panel 0.6 m before the wall and, `far` times as bright, one at 1.6 m; a period is as long as the record, 12.8
+    ns, and what is later comes round."""
+    random = np.random.default_rng(5)
+    at = (np.arange(SIDE) + 0.5) / SIDE - 0.5
+    x, y = (each.ravel() for each in np.meshgrid(at, at[::-1]))
+    counts = random.poisson(ambient, (len(x), BINS))
+    for point, place in enumerate(np.stack([x, y, 0 * x], axis=1)):
+        off_m = np.linalg.norm(SCANNER_M - place)
+        ways_m = [np.zeros(random.poisson(4000))]
+        for depth_m, photons in ((0.6, 200.0), (1.6, 200 * far)):
+            hit = random.uniform([-0.4, -0.4, depth_m], [0.4, 0.4, depth_m], (random.poisson(photons), 3))
+            ways_m.append(np.linalg.norm(hit - place, axis=1))
+        times = 2 * (off_m + np.concatenate(ways_m)) / C - 7e-9
+        bins = np.floor((times + random.normal(0, 25e-12, len(times))) / WIDTH_S).astype(int)
+        counts[point] += np.bincount(bins % BINS, minlength=BINS)
+    nothing = np.zeros(len(x))
+    return RawPoints(counts, x, y, nothing + 1, nothing, nothing, TimeAxis(BINS, WIDTH_S))
+
+
+def test_light_that_the_next_pulse_overtakes_is_not_subtracted_as_ambient_light(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan(3.0))
+    assert "the next pulse overtakes it" in caplog.text
+    assert float(done.background.per_bin.mean()) == pytest.approx(AMBIENT, rel=0.15)
+
+
+@pytest.mark.parametrize("ambient", [0.0, 0.01, 0.3, 3.0])
+def test_ambient_light_is_as_it_was_where_nothing_comes_round(ambient: float, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan(0.0, ambient))
+    assert "overtakes" not in caplog.text
+    assert float(done.background.per_bin.mean()) == pytest.approx(ambient, rel=0.1, abs=1e-3)
