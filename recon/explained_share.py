@@ -1,5 +1,6 @@
 """The share of light that a picture explains, and how it is said."""
 
+import math
 from dataclasses import dataclass, replace
 
 LEAST, ERRORS = 0.05, 3.0
@@ -59,9 +60,11 @@ class Explained:
 
 
 def blame_response(found: Explained, without: Explained, source: str) -> Explained:
-    """What was found with a response from `source`, with a note where the picture without one explains far more."""
-    seconds = found.seconds + without.seconds
-    if without.nothing or not (without.share or 0.0) > FAR_BETTER * (found.share or 0.0):
+    """What was found with a response from `source`, with a note where the picture without one explains far more, and
+    surely so."""
+    seconds, share, better = found.seconds + without.seconds, found.share or 0.0, without.share or 0.0
+    doubt = ERRORS * math.hypot(found.error or 0.0, without.error or 0.0)
+    if without.nothing or better <= FAR_BETTER * share or better <= share + doubt:
         return replace(found, seconds=seconds)
     said = f"without the response ({source}) it {without.figure}: try --response none (in Python response='none')"
     return replace(found, note="; ".join(word for word in (said, found.note) if word), seconds=seconds)

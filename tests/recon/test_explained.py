@@ -21,7 +21,7 @@ from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_hot import hot_points
 from nlos.recon.explained_parts import KEPT, coarser, counted_in, photon_unit, split
-from nlos.recon.explained_share import Explained
+from nlos.recon.explained_share import Explained, blame_response
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import catalogue
@@ -382,6 +382,24 @@ def test_a_response_that_the_light_does_not_bear_out_is_named(fwhm_s: float, bla
         r"without the response \(run.h5: response_fwhm_ps\) it explains (\d+) .*--response none", str(told.note)
     )
     assert (said is not None and int(said[1]) > 50) == blamed, told
+
+
+@pytest.mark.parametrize(
+    ("found", "without", "blamed"),
+    [
+        ((0.03, 0.02), (0.065, 0.02), False),  # both may be 5 %
+        ((0.03, 0.005), (0.065, 0.005), True),
+        ((-0.1, 0.02), (0.06, 0.01), True),
+        ((-0.1, 0.02), (0.03, 0.001), False),  # explains nothing either
+        ((0.2, 0.01), (0.35, 0.01), False),
+        ((0.02, 0.01), (None, None), False),
+    ],
+)
+def test_no_response_is_blamed_by_chance(
+    found: tuple[float, float], without: tuple[float | None, float | None], blamed: bool
+) -> None:
+    told = blame_response(Explained(*found), Explained(*without), "constants.h5")
+    assert ("--response none" in told.note) == blamed
 
 
 def test_pictures_that_are_made_again_and_again_look_for_no_other_response(monkeypatch: pytest.MonkeyPatch) -> None:
