@@ -327,6 +327,8 @@ geometry: {wall_distance_m: 2.0}
         ("/dev/ttyACM0", "auto", "none", "safety: {watchdog_s: 0.05}", "at least 0.1 s"),
         ("/dev/ttyACM0", "auto", "lid", "", "triggerscope_ttl"),
         ("/dev/ttyACM0", "auto", "none", "safety: {dry_run: 1}", "dry_run"),
+        ("/dev/ttyACM0", "auto", "none", "alignment: {longest_s: 0.1}", "longest_s: .* equal to 0.2"),
+        ("/dev/ttyACM0", "auto", "none", "alignment: {duty: 0.1, period_s: 0.5}", "0.05 s at a time.* Raise period_s"),
     ],
 )
 def test_a_bench_file_that_does_not_fit_together_is_refused(

@@ -7,14 +7,13 @@ from contextlib import contextmanager
 from types import FrameType
 
 from nlos.by_hand.stops import Stops
-from nlos.drivers.alignment_settings import AlignmentSettings
+from nlos.drivers.alignment_settings import SHORTEST_S, AlignmentSettings
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip, ShutterHeld
 from nlos.drivers.safety import GuardedShutter
 
 SPARE_S = 0.06
 """So much earlier than its time the light is told to go off: the command takes a while, and so may a busy computer."""
-SHORTEST_S = 0.2
 _ALARM_EARLY_S = 0.03
 _ALARM_AGAIN_S = 0.05
 _LATE_S = 0.5
