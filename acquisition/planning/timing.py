@@ -162,9 +162,9 @@ def clocked_forecast(
     sequencer: Sequencer = stepping,
     before: Sequence[Stepping] = (),
 ) -> Forecast:
-    """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`.
-    Raises `LimitError` where a run-up leaves the mirror's reach."""
-    whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
+    """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`. The
+    scan pays for a move in the dark before its light. Raises `LimitError` where a run-up leaves the mirror's reach."""
+    whole = Forecast(0.0, 0.0, links.scan_s + links.move_s, 0.0, links.margin, certain_share(plan))
     ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
     together, left = min(bench.counter.max_points, plan.most_together), list(before)

@@ -135,6 +135,8 @@ def take(
     plan = next_sequence(bench, points, angles, sequencer)
     counter.abort()  # where the sequence before was given up, its clock still runs
     mirror.stop()
+    if not bench.shutter.may_be_open:  # else the beam would go there from where it is parked in the light
+        mirror.move_to(plan.angles[0])
     own = own_clock(mirror)
     if own is None or plan.own is None:
         mirror.load(plan.angles)

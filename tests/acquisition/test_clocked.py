@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Scheme, choose
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.clocked import stepping
@@ -198,3 +199,28 @@ def test_the_light_is_off_when_a_clocked_scan_is_given_up(bench_settings: Benche
         samples.close()
         assert not light(bench)
         assert len(list(scan(small_plan(), bench, scheme=Scheme.STEPPED))) == 36
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [
+        ("zero_latency", Scheme.STEPPED),
+        ("zero_latency", Scheme.CLOCKED),
+        ("multiharp", Scheme.LISTED),
+        ("helios", Scheme.PLAYED),
+    ],
+)
+def test_light_comes_on_at_the_first_point(
+    bench_settings: Benches, small_plan: Plans, name: str, scheme: Scheme
+) -> None:
+    """From where it was parked, outside of what the bench allows perhaps, the beam goes there in the dark."""
+    bins = {"bins": 512, "bin_width_ps": 40 if name == "multiharp" else 32, "offset_ns": 10}
+    plan, lit_at = small_plan(histogram=bins), list[MirrorAngles]()
+    with open_bench(bench_settings(name=name)) as bench:
+        table = bench.simulated
+        assert table is not None
+        first = checked_angles(plan, bench, aim_of(bench))[0]
+        bench.on_event = lambda kind, text: lit_at.append(table.beam) if text == "opened" else None
+        assert len(list(scan(plan, bench, scheme=scheme))) == len(plan)
+    assert len(lit_at) == 1
+    assert (lit_at[0].x_rad, lit_at[0].y_rad) == pytest.approx((first.x_rad, first.y_rad), abs=1e-3)
