@@ -14,6 +14,7 @@ from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
 from nlos.acquisition.scanning.sweeping import Lines, sweep
 from nlos.drivers.bench import Bench
+from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
 
@@ -124,7 +125,7 @@ def forecast(
 def _swept_forecast(
     plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, lag: Lag | None
 ) -> Forecast:
-    lines = continuous_lines(plan, angles)
+    lines = continuous_lines(plan, angles, bench.settings.geometry.allowed)
     if lag is not None:
         lines.lag_s = lag.lag_s
         return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines))
@@ -134,23 +135,29 @@ def _swept_forecast(
     return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines), [before] * USUAL)
 
 
-def sequencer(scheme: Scheme, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float | None = None) -> Sequencer:
+def sequencer(
+    scheme: Scheme,
+    plan: ScanPlan,
+    angles: Sequence[MirrorAngles],
+    lag_s: float | None = None,
+    allowed: AllowedArea | None = None,
+) -> Sequencer:
     """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
     allow, or whose lag is not known."""
     if scheme is not Scheme.SWEPT:
         return stepping
-    lines = continuous_lines(plan, angles)
+    lines = continuous_lines(plan, angles, allowed)
     if lag_s is None:
         raise ValueError("continuous lines need the mirror's lag")
     lines.lag_s = lag_s
     return partial(sweep, lines=lines)
 
 
-def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Lines:
+def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles], allowed: AllowedArea | None) -> Lines:
     """The plan's lines, for a mirror without lag. Raises `ValueError` where it does not allow any."""
     if plan.within_px is None:
         raise ValueError("the plan does not allow continuous lines")
-    return Lines(plan, angles, 0.0)
+    return Lines(plan, angles, 0.0, allowed)
 
 
 def _expected(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> tuple[ScanPlan, Sequence[MirrorAngles]]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.scanning.clocked import Settle, Stepping
+from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import WAITING_NUMBER
@@ -32,10 +33,15 @@ Floats = npt.NDArray[np.float64]
 
 
 class Lines:
-    """The lines of a plan: which points lie evenly on one straight line, with the same dwell."""
+    """The lines of a plan: which points lie evenly on one straight line, with the same dwell. Their run-ups, which
+    are lit, too, stay within `allowed`."""
 
-    def __init__(self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float) -> None:
+    def __init__(
+        self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float, allowed: AllowedArea | None
+    ) -> None:
         self.place = np.array([(each.x_rad, each.y_rad) for each in angles])  # (N, 2)
+        self._on_wall_m = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)  # (N, 2)
+        self._allowed = allowed
         self.dwell_s = plan.dwell_s
         self.lag_s = lag_s
         self.first, self.end = np.empty(len(plan), dtype=np.intp), np.empty(len(plan), dtype=np.intp)
@@ -47,7 +53,7 @@ class Lines:
 
     def commands(self, first: int, end: int, settle: Settle) -> list[MirrorAngles]:
         """What the mirror is told for the points `first` up to `end`, run-up included. Raises `LimitError` for a line
-        that it could not even jump across in its time."""
+        that it could not even jump across in its time, or whose run-up leaves what is allowed."""
         return self.along(np.arange(first, end), settle)
 
     def along(self, numbers: npt.NDArray[np.intp], settle: Settle, dwell_s: float | None = None) -> list[MirrorAngles]:
@@ -65,7 +71,21 @@ class Lines:
             return [MirrorAngles(*place[0])]
         step_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[1]))
         run_up = math.ceil(RUN_UP * (step_s + max(self.lag_s, 0.0)) / dwell_s - 1e-9)
-        return _line(place, self.lag_s / dwell_s, run_up)
+        self._check_allowed(_line(self._on_wall_m[numbers], self.lag_s / dwell_s, run_up))
+        return [MirrorAngles(x, y) for x, y in _line(place, self.lag_s / dwell_s, run_up).tolist()]
+
+    def _check_allowed(self, way_m: Floats) -> None:
+        """Of a straight line, its ends."""
+        if self._allowed is None:
+            return
+        for x_m, y_m in way_m[[0, -1]].tolist():
+            try:
+                self._allowed.check(x_m, y_m)
+            except LimitError as error:
+                what = f"the run-up of a continuous line, which is lit: {error.what}"
+                raise LimitError(
+                    error.device, what, f"{error.remedy} Or take `continuous` out of the scan file."
+                ) from error
 
 
 def sweep(
@@ -141,13 +161,14 @@ def line_length(place: Floats, dwells_s: Floats) -> int:
     return int(breaks[0]) + 2 if len(breaks) else len(place)
 
 
-def _line(place: Floats, lag: float, run_up: int) -> list[MirrorAngles]:
-    """Commands for a line that the beam trails by `lag` points: `run_up` of them, then one for each point."""
+def _line(place: Floats, lag: float, run_up: int) -> Floats:
+    """Places to command, (run_up + N, 2), for a line (N, 2) that the beam trails by `lag` points: `run_up` of them,
+    then one for each point."""
     at = np.arange(-run_up, len(place)) + lag
     inner = np.stack([np.interp(at, np.arange(len(place)), column) for column in place.T], axis=1)
     before = np.minimum(at, 0.0)[:, None] * (place[1] - place[0])
     after = np.maximum(at - (len(place) - 1), 0.0)[:, None] * (place[-1] - place[-2])
-    return [MirrorAngles(x, y) for x, y in (inner + before + after).tolist()]
+    return np.asarray(inner + before + after)
 
 
 def _whole_us(seconds: float) -> float:

@@ -22,6 +22,7 @@ from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.sweeping import line_length, sweep
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import LimitError
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.servo import ServoSettings
@@ -256,7 +257,7 @@ def test_every_line_begins_at_rest(bench_settings: Benches, small_plan: Plans, l
     with open_bench(bench_settings()) as bench:
         settle = bench.mirror.settle_s
         angles = checked_angles(plan, bench, aim_of(bench))
-        lines = continuous_lines(plan, angles)
+        lines = continuous_lines(plan, angles, None)
         lines.lag_s = 1e-4
         made = partial(sweep, lines=lines)(list(plan), angles, settle, 1200, list_mode)
     assert len(made.index) == len(made.angles) == len(made.dwells_s) == len(made.numbers) <= 1200
@@ -298,3 +299,37 @@ def test_the_scans_alarms_stand_while_the_lag_is_measured_too(bright: Benches, s
     assert len(asked) == (action == "pause")
     assert "lag" not in kinds
     assert control.state is ScanState.STOPPED
+
+
+@pytest.fixture
+def fenced(bright: Benches) -> Callable[[float], BenchSettings]:
+    """A bench whose beam may go so far from the wall's centre."""
+
+    def make(half_m: float) -> BenchSettings:
+        settings = bright()
+        allowed = AllowedArea(left_m=-half_m, right_m=half_m, bottom_m=-half_m, top_m=half_m)
+        return settings.model_copy(update={"geometry": settings.geometry.model_copy(update={"allowed": allowed})})
+
+    return make
+
+
+@pytest.mark.parametrize("lag", [KNOWN, None], ids=["known", "to be measured"])
+def test_no_line_is_swept_whose_run_up_leaves_what_is_allowed(
+    fenced: Callable[[float], BenchSettings], small_plan: Plans, lag: Lag | None
+) -> None:
+    """It is lit as the points are; here they fill the allowed area."""
+    plan = fast_plan(small_plan)
+    with open_bench(fenced(0.25)) as bench:
+        with pytest.raises(LimitError, match=r"run-up .*outside the allowed area.*`continuous` out"):
+            scan(plan, bench, scheme=Scheme.SWEPT, lag=lag)
+        choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)), lag=lag)
+        assert choice.scheme is not Scheme.SWEPT
+        assert "run-up" in choice.why
+
+
+def test_lines_with_room_for_their_run_ups_are_swept(
+    fenced: Callable[[float], BenchSettings], small_plan: Plans
+) -> None:
+    plan = fast_plan(small_plan)
+    with open_bench(fenced(0.5)) as bench:
+        assert len(list(scan(plan, bench, scheme=Scheme.SWEPT, lag=KNOWN))) == len(plan)
