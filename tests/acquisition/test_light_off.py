@@ -2,6 +2,7 @@
 whatever counts its photons, and what was taken before is kept. The simulated table itself says when."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
@@ -175,3 +177,31 @@ def test_samples_are_handed_on_while_the_sequence_runs(
         for sample in scan(points, bench, scheme=Scheme(scheme), alarms=alarms):
             ended_s = start_s + sample.taken_s + dwell_ms * 1e-3
             assert bench.clock.now() - ended_s <= 2 * max(BLOCK_S, dwell_ms * 1e-3) + 0.06
+
+
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+def test_the_point_at_which_the_rate_meter_saw_too_much_is_the_one_that_is_put_off(
+    small_plan: Plans, scheme: Scheme
+) -> None:
+    """A screw on the wall, say, seen in the middle of a long dwell: all others are taken before it is tried again."""
+    chosen = settings("tcspc488 histogram")
+    points, shiny = plan(small_plan, "tcspc488 histogram", 400, 2, 3), 2
+    limits = AlarmSettings.model_validate({"pile_up": 0.03, "on_count_rate": "skip"})
+    taken = list[int]()
+    with open_bench(chosen) as bench:
+        table, where = simulated(bench), checked_angles(points, bench, aim_of(bench))[shiny]
+        before = table.light
+
+        def light(gate: Gate, beam: MirrorAngles, is_open: bool) -> Exposure:
+            seen, far = before(gate, beam, is_open), math.hypot(beam.x_rad - where.x_rad, beam.y_rad - where.y_rad)
+            if not is_open or far > 1e-3:
+                return seen
+            return replace(seen, counts=seen.counts * np.uint32(FACTOR), total_count=seen.total_count * FACTOR)
+
+        table.light = light
+        with pytest.raises(SafetyTrip, match="pile-up"):
+            taken.extend(
+                sample.point.number
+                for sample in scan(points, bench, scheme=scheme, alarms=Alarms(limits, chosen.laser.repetition_hz))
+            )
+    assert taken == [number for number in range(len(points)) if number != shiny]
