@@ -13,6 +13,14 @@ Floats = npt.NDArray[np.float64]
 log = logging.getLogger(__name__)
 _STRETCHES = 16
 """Of the record, of which the darkest behind the pulse tells."""
+_PARTS = 4
+"""Of a stretch, which are as bright as each other unless a gate or the laser's period ends there: ..."""
+_UNEVEN, _CHANCE = 0.3, 12.0
+"""... standard deviation over mean, and the squared one over what chance makes of it, from which on they are not."""
+_SHUT = 20.0
+"""Counts that a stretch should have over all points, and has none, if it lies behind a gate."""
+_CLOSED = 0.25
+"""Of what there was is left, at most, where a gate that leaks closes within two parts."""
 _BRIGHTER = 1.25
 """Even light is as even as that."""
 _SURE = 5.0
@@ -23,15 +31,16 @@ def without_light_of_pulse_before(
     background: Background, counts: npt.NDArray[np.generic], begin_bins: Floats
 ) -> Background:
     """The background of points (N,), no brighter than the darkest stretch of `counts` (N, T) from `begin_bins` (N,) on,
-    over all points; warns where it was. Stretches that hold nothing are a gate's, and tell nothing."""
+    over all points; warns where it was. What lies behind the laser's period, or a gate, tells nothing (`_open`)."""
     points, bins = counts.shape
+    edges = np.linspace(0, bins, max(min(_STRETCHES, bins // _PARTS), 1) * _PARTS + 1).astype(int)
     behind = np.isfinite(begin_bins) & np.isfinite(background.error)
-    edges = np.linspace(0, bins, min(_STRETCHES, bins) + 1).astype(int)
-    whole = behind & (np.nan_to_num(begin_bins)[:, None] <= edges[:-1]).T  # (stretches, N)
-    held = np.add.reduceat(counts, edges[:-1], axis=1, dtype=np.float64).T
-    expected = (whole * np.diff(edges)[:, None] * background.per_bin).sum(axis=1)  # (stretches,)
-    seen = np.where(whole, held, 0.0).sum(axis=1)
-    tells = (whole.sum(axis=1) > points / 4) & (seen > 0) & (expected > 0)
+    whole = np.repeat(behind & (np.nan_to_num(begin_bins)[:, None] <= edges[:-1:_PARTS]).T, _PARTS, axis=0)
+    held = np.add.reduceat(counts, edges[:-1], axis=1, dtype=np.float64).T  # (parts, N), as `whole`
+    due = (whole * np.diff(edges)[:, None] * background.per_bin).sum(axis=1)  # (parts,)
+    there = np.where(whole, held, 0.0).sum(axis=1)
+    tells = (whole[::_PARTS].sum(axis=1) > points / 4) & _open(there, due)
+    expected, seen = (each.reshape(-1, _PARTS).sum(axis=1) for each in (due, there))  # (stretches,)
     if not tells.any():
         return background
     darkest = int(np.argmin(np.where(tells, seen / np.maximum(expected, 1e-30), np.inf)))
@@ -45,3 +54,31 @@ def without_light_of_pulse_before(
         1 / share,
     )
     return replace(background, per_bin=background.per_bin * share)
+
+
+def _open(seen: Floats, expected: Floats) -> npt.NDArray[np.bool_]:
+    """Of stretches (S,), by what their parts (S * 4,) hold and even light would: in which the detector was open all the
+    time. In those beside a shut one it may have closed."""
+    parts, due = seen.reshape(-1, _PARTS), expected.reshape(-1, _PARTS).sum(axis=1)
+    mean = parts.mean(axis=1)
+    apart = ((parts - mean[:, None]) ** 2).sum(axis=1)
+    uneven = (apart > _UNEVEN**2 * _PARTS * mean**2) & (apart > _CHANCE * mean)
+    shut = (parts.sum(axis=1) == 0) & (due > _SHUT)
+    beside = np.append(False, shut[:-1]) | np.append(shut[1:], False)
+    closed = np.zeros(len(parts), dtype=bool)
+    closed[_closes(seen, expected) // _PARTS :] = True
+    return np.asarray((mean > 0) & (due > 0) & ~(uneven | shut | beside | closed))
+
+
+def _closes(seen: Floats, expected: Floats) -> int:
+    """The part of (P,) from which on not a quarter is left of the brightness of the four before, which are even: hidden
+    light does not end so at once. P where there is none."""
+    for last in range(_PARTS - 1, len(seen) - 2):
+        before, later = slice(last + 1 - _PARTS, last + 1), slice(last + 2, None)
+        mean = seen[before].mean()
+        apart = ((seen[before] - mean) ** 2).sum()
+        if apart > max((_UNEVEN / 2) ** 2 * _PARTS * mean**2, _CHANCE * mean):
+            continue
+        if seen[later].sum() * expected[before].sum() < _CLOSED * seen[before].sum() * expected[later].sum():
+            return last + 1
+    return len(seen)

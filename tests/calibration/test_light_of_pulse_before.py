@@ -1,6 +1,7 @@
 """Hidden light that the next pulse overtakes: recorded before the direct light, where ambient light is measured."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,3 +50,17 @@ def test_ambient_light_is_as_it_was_where_nothing_comes_round(ambient: float, ca
         done = correct_points(scan(0.0, ambient))
     assert "overtakes" not in caplog.text
     assert float(done.background.per_bin.mean()) == pytest.approx(ambient, rel=0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("more", "leaks"), [(37, 0.0), (130, 0.0), (37, 0.02), (130, 0.02)])
+def test_ambient_light_is_as_it_was_where_the_period_or_a_gate_ends_within_the_record(
+    more: int, leaks: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = scan(0.0)
+    kept = BINS if leaks == 0 else BINS - more  # a record longer than the period, or a gate that closes
+    dark = np.random.default_rng(6).poisson(AMBIENT * leaks, (len(whole.counts), more))
+    counts = np.concatenate([whole.counts[:, :kept], dark], axis=1)
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(replace(whole, counts=counts, time=TimeAxis(kept + more, WIDTH_S)))
+    assert "overtakes" not in caplog.text
+    assert float(done.background.per_bin.mean()) == pytest.approx(AMBIENT, rel=0.1)
