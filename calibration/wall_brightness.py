@@ -68,11 +68,13 @@ def wall_brightness(done: HiddenLight, offsets: TimeOffsets) -> WallBrightness |
     at, around = _unlike(bright, offsets.direct_counts[lit], x, y)
     if len(at) < _FEWEST:
         return None
-    counts, usable = np.asarray(done.counts[lit], dtype=np.float64), done.usable[lit]
-    when = usable.all(axis=0)
-    shape = np.where(when, counts.mean(axis=0), 0.0)
+    when = (done.usable | ~lit[:, None]).all(axis=0)
+    shape = np.where(when, np.mean(done.counts, axis=0, dtype=np.float64, where=lit[:, None]), 0.0)
     shape = np.where(when, shape - shape[when].mean(), 0.0) if when.any() else shape  # blind to what is even in time
-    hidden, chance = counts @ shape, np.asarray(done.variance[lit], dtype=np.float64) @ shape**2
+    hidden, chance = (  # without a copy of all counts in twice the memory
+        np.einsum("nt,t->n", each, by, dtype=np.float64)[lit]
+        for each, by in ((done.counts, shape), (done.variance, shape**2))
+    )
     left = [_left(hidden, chance, bright**power * seconds, at, around) for power in (0, 1, 2)]
     power = 1 if left[1] < left[2] else 2
     if not left[0] > _CHANCE or left[power] > _BETTER * left[0]:
