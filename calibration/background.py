@@ -1,6 +1,6 @@
 """Counts that no laser pulse made: dark counts, ambient light and late afterpulses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +24,13 @@ class Background:
 
     per_bin: Floats
     error: Floats
+    stretch: tuple[int, int] | None = None
+    """First bin and end of where it was measured at all points, if not before the pulse."""
 
     def at(self, points: npt.NDArray[np.bool_]) -> "Background":
         """Of some of the points, flags (N,)."""
-        return Background(*(np.broadcast_to(each, points.shape)[points] for each in (self.per_bin, self.error)))
+        per_bin, error = (np.broadcast_to(each, points.shape)[points] for each in (self.per_bin, self.error))
+        return Background(per_bin, error, self.stretch)
 
 
 def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
@@ -39,11 +42,24 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
     its error infinite.
     """
     recorded = np.asarray(counts)
-    points = len(recorded)
     quiet = quiet_before(recorded, end_bins)
     length = quiet.sum(axis=1).astype(np.float64)
     length[length < FEWEST_BINS] = 0
     total = np.where(length > 0, sum_where(recorded, quiet), 0.0)
+    return _drawn_together(total, length)
+
+
+def in_stretch(counts: npt.ArrayLike, begin_bins: npt.ArrayLike, stretch: tuple[int, int]) -> Background:
+    """The same from the bins of a stretch, of points (N,) in which the light behind direct light begins before it."""
+    total = np.asarray(counts)[:, slice(*stretch)].sum(axis=1, dtype=np.float64)
+    inside = np.asarray(begin_bins) <= stretch[0]  # not of NaN
+    found = _drawn_together(np.where(inside, total, 0.0), np.where(inside, float(stretch[1] - stretch[0]), 0.0))
+    return replace(found, stretch=stretch)
+
+
+def _drawn_together(total: Floats, length: Floats) -> Background:
+    """Of counts in so many bins, (N,): see `before_pulse`."""
+    points = len(total)
     if not length.sum():
         return Background(np.zeros(points), np.full(points, np.inf))
     pooled = total.sum() / length.sum()

@@ -12,14 +12,15 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transie
 from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
 from nlos.calibration.arrival_rounds import TimeOffsets
-from nlos.calibration.background import Background, before_pulse, subtract
+from nlos.calibration.background import Background, before_pulse, in_stretch, subtract
 from nlos.calibration.close_pulse import doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
-from nlos.calibration.errors import NoDirectPeak, NothingBehind
+from nlos.calibration.errors import NoDirectPeak
 from nlos.calibration.first_click import doubt_pile_up
-from nlos.calibration.known_arrivals import known_arrival_bins, require_arrivals
+from nlos.calibration.known_arrivals import bins_left, known_arrival_bins, require_arrivals
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.light_of_pulse_before import without_light_of_pulse_before
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
@@ -30,8 +31,6 @@ from nlos.calibration.without_second_pulse import without_second_pulse
 Floats = npt.NDArray[np.float64]
 LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
-SHORTEST_S = 1.3e-9
-"""A record that ends sooner than this after the direct arrival holds the direct light and nothing else."""
 log = logging.getLogger(__name__)
 Report = dict[str, float | int | list[float] | None]
 
@@ -55,6 +54,11 @@ class CorrectedPoints:
     """A second pulse that was taken out."""
     light: Floats | None = None
     """(N,); how bright hidden light is for the wall's sake, where exposures were multiplied by it."""
+
+    def known(self, offset_bins: Floats) -> KnownDirect:
+        """What single frames of the same points are told."""
+        told = self.background.stretch, self.direct.close_end_bin()
+        return KnownDirect(offset_bins, self.second, self.light, *told)
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
@@ -106,18 +110,6 @@ class CorrectedSample:
     time: TimeAxis
 
 
-@dataclass(frozen=True, eq=False)
-class KnownDirect:
-    """What a whole scan, or its file, says of direct light."""
-
-    offset_bins: npt.ArrayLike
-    """When it comes, in bins after the start of the record: (N,), or (H, W) of a grid."""
-    second: SecondPulse | None = None
-    """One that comes again behind it, and is taken out."""
-    light: Floats | None = None
-    """(N,); what exposures are multiplied by, as `CorrectedPoints.light`."""
-
-
 def correct_points(
     raw: RawPoints,
     constants: BenchConstants | None = None,
@@ -157,6 +149,8 @@ def correct_points(
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
     if offsets is not None and np.array_equal(counts, raw.counts):  # else what was undone is not that well known
         background = without_light_of_pulse_before(background, counts, arrival + lead_s / raw.time.bin_width_s)
+    elif known is not None and known.ambient is not None:
+        background = in_stretch(counts, arrival + lead_s / raw.time.bin_width_s, known.ambient)
     timed = _Timed(counts, variance, arrival, background, offsets)
     done = _finish(raw, timed, remove_direct=remove_direct)
     second = None if known is None else known.second
@@ -165,8 +159,8 @@ def correct_points(
         doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
     if second is not None and second.even:
         done = _without(raw, timed, second)
-    if known is not None and known.light is not None:
-        return replace(done, exposure_s=done.exposure_s * known.light, light=known.light)
+    if known is not None:
+        return _as_whole(done, known, known.close_end_bin if remove_direct else 0)
     return done if offsets is None or not remove_direct else _evened(done, offsets, raw)
 
 
@@ -239,7 +233,7 @@ def _finish(
         raise NoDirectPeak(f"at none of {points} points does direct light arrive within the record of {record} bins.")
     arrival = np.where(there, arrival, arrival[there].mean())
     if bins is None:
-        bins = _bins_left(raw, arrival, offsets)
+        bins = bins_left(raw, arrival, offsets)
     aligned = align(timed.counts, arrival, bins)
     aligned = subtract(aligned, np.where(np.isfinite(background.error), background.per_bin, 0.0))
     told = np.isfinite(timed.variance)
@@ -269,6 +263,17 @@ def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoi
     return replace(_finish(raw, replace(timed, counts=counts, variance=variance)), second=second)
 
 
+def _as_whole(done: CorrectedPoints, known: KnownDirect, end_bin: int) -> CorrectedPoints:
+    """The same as bright as its whole scan, and not usable before `end_bin`."""
+    if known.light is not None:
+        done = replace(done, exposure_s=done.exposure_s * known.light, light=known.light)
+    if end_bin <= done.direct.end_bin:
+        return done
+    kept = np.arange(done.time.bins) >= end_bin
+    direct = replace(done.direct, end_bin=end_bin)
+    return replace(done, counts=done.counts * kept, usable=done.usable & kept, direct=direct)
+
+
 def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> CorrectedPoints:
     """The same of a wall that is as bright everywhere."""
     hidden = HiddenLight(done.counts, done.variance, done.usable, done.exposure_s, raw.x_m, raw.y_m)
@@ -277,19 +282,6 @@ def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> Corr
         return done
     doubt_wall_brightness(found)
     return replace(done, exposure_s=done.exposure_s * found.light, light=found.light)
-
-
-def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:
-    """Bins from the direct arrival on that every point recorded, strays aside: one must not shorten all others."""
-    held = arrival if offsets is None else np.where(offsets.stray, -np.inf, arrival)
-    point = int(np.argmax(held))
-    bins = raw.time.bins - int(np.ceil(held[point]))
-    if offsets is not None and bins * raw.time.bin_width_s < SHORTEST_S:
-        raise NothingBehind(
-            f"{raw.name(point)}: direct light arrives in bin {held[point]:.0f} of {raw.time.bins}; no hidden scene was "
-            "recorded behind it. Lengthen the histogram or start it later."
-        )
-    return bins
 
 
 def _cube(counts: npt.NDArray[np.float32], shape: tuple[int, int, int]) -> npt.NDArray[np.float32]:

@@ -41,6 +41,10 @@ class DirectLight:
     close: ClosePulse | None = None
     """A second pulse that is masked with it."""
 
+    def close_end_bin(self) -> int:
+        """Where that ends; 0 without one."""
+        return 0 if self.close is None else self.close.end_bin
+
     def counts(self) -> Counts:
         """Expected direct counts, shape (N, T)."""
         return np.multiply.outer(self.amplitude, self.shape).astype(np.float32)

@@ -4,10 +4,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.constants import BenchConstants
-from nlos.calibration.errors import InvalidData
+from nlos.calibration.errors import InvalidData, NothingBehind
+from nlos.calibration.raw_points import RawPoints
 
 Floats = npt.NDArray[np.float64]
+SHORTEST_S = 1.3e-9
+"""A record that ends sooner than this after the direct arrival holds the direct light and nothing else."""
 
 
 def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> int:
@@ -36,3 +40,16 @@ def require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:
             f"these constants are for bins of {constants.bin_width_s * 1e12:.2f} ps, the data have "
             f"{time.bin_width_s * 1e12:.2f} ps."
         )
+
+
+def bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:
+    """Bins from the direct arrival on that every point recorded, strays aside: one must not shorten all others."""
+    held = arrival if offsets is None else np.where(offsets.stray, -np.inf, arrival)
+    point = int(np.argmax(held))
+    bins = raw.time.bins - int(np.ceil(held[point]))
+    if offsets is not None and bins * raw.time.bin_width_s < SHORTEST_S:
+        raise NothingBehind(
+            f"{raw.name(point)}: direct light arrives in bin {held[point]:.0f} of {raw.time.bins}; no hidden scene was "
+            "recorded behind it. Lengthen the histogram or start it later."
+        )
+    return bins

@@ -2,12 +2,11 @@
 light, though it comes where that is measured."""
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.calibration.background import Background
+from nlos.calibration.background import Background, in_stretch
 
 Floats = npt.NDArray[np.float64]
 log = logging.getLogger(__name__)
@@ -30,8 +29,9 @@ _SURE = 5.0
 def without_light_of_pulse_before(
     background: Background, counts: npt.NDArray[np.generic], begin_bins: Floats
 ) -> Background:
-    """The background of points (N,), no brighter than the darkest stretch of `counts` (N, T) from `begin_bins` (N,) on,
-    over all points; warns where it was. What lies behind the laser's period, or a gate, tells nothing (`_open`)."""
+    """The background of points (N,); by the darkest stretch of `counts` (N, T) from `begin_bins` (N,) on over all
+    points where that is less, which is warned of. Behind the laser's period, or a gate, nothing is told (`_open`).
+    """
     points, bins = counts.shape
     edges = np.linspace(0, bins, max(min(_STRETCHES, bins // _PARTS), 1) * _PARTS + 1).astype(int)
     behind = np.isfinite(begin_bins) & np.isfinite(background.error)
@@ -53,7 +53,7 @@ def without_light_of_pulse_before(
         "shows where from), and a detector that is still blind behind a bright pulse.",
         1 / share,
     )
-    return replace(background, per_bin=background.per_bin * share)
+    return in_stretch(counts, begin_bins, (int(edges[darkest * _PARTS]), int(edges[(darkest + 1) * _PARTS])))
 
 
 def _open(seen: Floats, expected: Floats) -> npt.NDArray[np.bool_]:

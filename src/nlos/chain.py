@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.unchanged import unchanged
 from nlos.bench_constants import correcting_constants
-from nlos.calibration.correct import CorrectedPoints, KnownDirect, Report, correct, correct_points
+from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.raw_points import from_transient
 from nlos.cli.escaped import escaped
 from nlos.direct_cut import cut_direct, tell_of_tail, without_first
@@ -69,7 +70,8 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
     _tell_calibration(done, log.log)
-    return None if done.offsets is None else DirectTimes(done.offsets, places, done.second, done.light)
+    offsets = done.offsets
+    return None if offsets is None else DirectTimes(offsets, done.known(offsets.offset_bins), places)
 
 
 def calibrate_scan(
@@ -136,7 +138,7 @@ def _calibrated(
     if use_file_offsets or arrivals is not None:
         of_a_whole = None if use_file_offsets else arrivals
         by_file = None if scan.offset_bins is None else KnownDirect(scan.offset_bins)
-        known = by_file if of_a_whole is None else of_a_whole.known()
+        known = by_file if of_a_whole is None else of_a_whole.known
         done_by = correct(transient, constants, known=known, sync_count=scan.sync_count, total_count=scan.total_count)
         if of_a_whole is None:
             tell_of_light_left_out(done_by.points, tell)

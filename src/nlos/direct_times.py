@@ -11,10 +11,9 @@ from nlos.acquisition.errors import InvalidData
 
 if TYPE_CHECKING:
     from nlos.calibration.arrival_rounds import TimeOffsets
-    from nlos.calibration.correct import KnownDirect
     from nlos.calibration.impulse_response import ImpulseResponse
+    from nlos.calibration.known_direct import KnownDirect
     from nlos.calibration.raw_points import RawPoints
-    from nlos.calibration.second_pulse import SecondPulse
     from nlos.calibration.wall_timing import WallTiming
 
 
@@ -23,12 +22,10 @@ class DirectTimes:
     """Of every point of a scan, on its grid or at free positions."""
 
     offsets: "TimeOffsets"
+    known: "KnownDirect"
+    """Those of all points, and what comes with direct light."""
     places: Mapping[tuple[float, float], int] | None = None
     """Which of the offsets is that of a position (x, y) in metres; None on a grid, where they lie row by row."""
-    second: "SecondPulse | None" = None
-    """One that comes again behind the direct light and is taken out."""
-    light: npt.NDArray[np.float64] | None = None
-    """(N,): how bright hidden light is for the wall's sake, where it is not even."""
 
     @property
     def offset_bins(self) -> npt.NDArray[np.float64]:
@@ -45,19 +42,10 @@ class DirectTimes:
         """Wall, scanner and delay that explain them."""
         return self.offsets.wall
 
-    def known(self) -> "KnownDirect":
-        """Those of all points."""
-        from nlos.calibration.correct import KnownDirect
-
-        return KnownDirect(self.offset_bins, self.second, self.light)
-
     def of(self, points: "RawPoints") -> "KnownDirect":
         """Those of some of the positions. Raises `InvalidData` for one that is not the scan's."""
-        from nlos.calibration.correct import KnownDirect
-
         assert self.places is not None
         at = [self.places.get(place) for place in zip(points.x_m.tolist(), points.y_m.tolist(), strict=True)]
         if None in at:
             raise InvalidData(f"{points.name(at.index(None))} is none of the scan whose direct light is known.")
-        some = np.array(at, dtype=np.int64)
-        return KnownDirect(self.offset_bins[some], self.second, None if self.light is None else self.light[some])
+        return self.known.at(np.array(at, dtype=np.int64))

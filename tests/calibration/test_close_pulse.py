@@ -1,6 +1,7 @@
 """A second pulse that overlaps with the direct one, photon by photon, and surfaces that are as near."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,3 +57,15 @@ def test_a_surface_close_to_the_wall_is_no_second_pulse(
     with caplog.at_level(logging.WARNING):
         correct_points(scan(patch_m, 0.0, 0.0))
     assert "second pulse" not in caplog.text
+
+
+def test_frames_of_few_photons_are_masked_as_far_as_their_whole_scan_is() -> None:
+    raw = scan((0.6, 0.3), 200e-12, 0.05)
+    whole = correct_points(raw)
+    assert whole.offsets is not None
+    few = np.random.default_rng(1).binomial(raw.counts.astype(np.int64), 0.01)
+    frame = correct_points(replace(raw, counts=few), known=whole.known(whole.offsets.offset_bins))
+    assert frame.direct.close is None
+    assert frame.direct.end_bin == whole.direct.end_bin
+    assert not frame.usable[:, : whole.direct.end_bin].any()
+    assert not frame.counts[:, : whole.direct.end_bin].any()

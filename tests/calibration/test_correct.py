@@ -8,9 +8,10 @@ from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.constants import BenchConstants, Quantity
-from nlos.calibration.correct import KnownDirect, correct, correct_points
+from nlos.calibration.correct import correct, correct_points
 from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.measure import measure_constants
 from nlos.calibration.raw_points import RawPoints, from_samples
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag

@@ -10,9 +10,10 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.constants import BenchConstants, Quantity, load, save
-from nlos.calibration.correct import KnownDirect, correct_points
+from nlos.calibration.correct import correct_points
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import known_direct_light
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.measure import measure_constants
 from nlos.calibration.raw_points import RawPoints
 

@@ -64,3 +64,19 @@ def test_ambient_light_is_as_it_was_where_the_period_or_a_gate_ends_within_the_r
         done = correct_points(replace(whole, counts=counts, time=TimeAxis(kept + more, WIDTH_S)))
     assert "overtakes" not in caplog.text
     assert float(done.background.per_bin.mean()) == pytest.approx(AMBIENT, rel=0.1)
+
+
+def test_frames_are_rid_of_the_ambient_light_that_their_whole_scan_tells() -> None:
+    raw = scan(3.0)
+    whole = correct_points(raw)
+    assert whole.offsets is not None
+    frame = correct_points(raw, known=whole.known(whole.offsets.offset_bins))
+    np.testing.assert_array_equal(frame.background.per_bin, whole.background.per_bin)
+
+
+def test_ambient_light_that_changes_is_each_points_own_there_too() -> None:
+    raw, ambient = scan(3.0, 0.0), np.linspace(1.0, 3.0, SIDE**2)
+    counts = raw.counts + np.random.default_rng(7).poisson(ambient[:, None], raw.counts.shape)
+    found = correct_points(replace(raw, counts=counts)).background.per_bin
+    np.testing.assert_allclose(found, ambient, atol=1.2)
+    assert np.corrcoef(found, ambient)[0, 1] > 0.8

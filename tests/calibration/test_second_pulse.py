@@ -9,8 +9,9 @@ import pytest
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.background import Background
-from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points
+from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.impulse_response import from_histogram
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse
 from nlos.calibration.without_second_pulse import without_second_pulse

@@ -8,7 +8,7 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.correct import KnownDirect, correct_points
+from nlos.calibration.correct import correct_points
 from nlos.calibration.raw_points import RawPoints
 
 SIDE, BINS, WIDTH_S, DIRECT, HIDDEN = 20, 512, 32e-12, 4000, 600
@@ -53,7 +53,7 @@ def test_single_frames_are_evened_as_their_whole_scan_is() -> None:
     whole = correct_points(raw)
     assert whole.offsets is not None
     assert whole.light is not None
-    frame = correct_points(raw, known=KnownDirect(whole.offsets.offset_bins, light=whole.light))
+    frame = correct_points(raw, known=whole.known(whole.offsets.offset_bins))
     np.testing.assert_array_equal(frame.exposure_s, whole.exposure_s)
 
 

@@ -111,7 +111,7 @@ def test_a_film_is_aligned_before_its_first_whole_scan_is_over_as_the_whole_film
     assert film.can_be_aligned
     held.calibrated(False)
     assert film._alignment is not None
-    arrivals = film._alignment.arrival_bins
+    arrivals = film._alignment.direct.offset_bins
     assert np.isfinite(arrivals).all()  # of the last quarter's points too
     assert np.abs(arrivals - wanted.offset_bins).max() < 0.5
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.recording.frames import LEAST_PART
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.correct import CorrectedPoints, KnownDirect, correct_points
+from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.known_arrivals import known_arrival_bins
+from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.raw_points import RawPoints
 from nlos.chain import calibrate_scan
 from nlos.live.calibrated import Calibrated
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from nlos.acquisition.response import Response
     from nlos.acquisition.sample import Sample
     from nlos.calibration.constants import BenchConstants
-    from nlos.calibration.second_pulse import SecondPulse
     from nlos.loaded import LoadedScan
 
 BACKLOG = 8
@@ -46,14 +45,10 @@ ALIGNED_BY = 0.6
 class Alignment:
     """What a frame, of far fewer photons than a whole scan, is aligned by."""
 
-    arrival_bins: npt.NDArray[np.float64]  # (H * W,)
+    direct: KnownDirect  # of H * W points
     response: "Response | None"
     bins: int
     """That all points have behind their direct light."""
-    second: "SecondPulse | None"
-    """Light that comes once more behind it, and is taken out."""
-    light: npt.NDArray[np.float64] | None
-    """(H * W,): how bright hidden light is for the wall's sake, where it is not even."""
 
 
 class LiveFilm:
@@ -194,9 +189,7 @@ class LiveFilm:
             assert self._constants is not None
             x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(scan.transient.wall.x_m(), scan.transient.wall.y_m()))
             arrival_bins = known_arrival_bins(self._constants, x_m, y_m, scan.transient.time)
-        self._alignment = Alignment(
-            arrival_bins, transient.response, transient.time.bins, found[0].second, found[0].light
-        )
+        self._alignment = Alignment(found[0].known(arrival_bins), transient.response, transient.time.bins)
         self._zero = TimeZero.of(scan, found[0], self._constants)
 
     def _moments(self, samples: "list[Sample]") -> Moments:
@@ -218,10 +211,7 @@ class LiveFilm:
             np.array([each.total_count for each in held], dtype=np.float64),
             TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s),
         )  # fmt: skip
-        at = row * plan.wall.cols + col
-        light = None if known.light is None else known.light[at]
-        direct = KnownDirect(known.arrival_bins[at], known.second, light)
-        done = correct_points(raw, self._constants, known=direct)
+        done = correct_points(raw, self._constants, known=known.direct.at(row * plan.wall.cols + col))
         taken_s = np.array([each.taken_s + each.histogram.live_time_s / 2 for each in samples])
         used = done.exposure_s > 0
         counts = np.zeros((int(used.sum()), known.bins), dtype=np.float32)
