@@ -125,6 +125,18 @@ def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert shown == ["20 of 100 points, 20 points/s, 4 s left", "40 of 100 points, 20 points/s, 3 s left"]
 
 
+def test_who_knows_better_than_that_all_points_are_alike_is_believed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now_s = [100.0]
+    monkeypatch.setattr(terminal, "verbosity", 0)
+    monkeypatch.setattr("nlos.cli.progress.time.monotonic", lambda: now_s[0])
+    progress = Progress(100, what="scan", line_s=0.0)
+    now_s[0] += 2.0
+    progress.step(50, times_as_long=10.0)
+    assert capsys.readouterr().err == "50 of 100 points, 25 points/s, 20 s left\n"
+
+
 def test_a_stage_of_unknown_length_says_how_long_it_takes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

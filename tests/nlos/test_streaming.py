@@ -35,6 +35,7 @@ from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
 from nlos.response import AUTO
+from nlos.time_left import TimeLeft
 from tests.scan_texts import COARSE_TO_FINE, EIGHT_BY_EIGHT, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -166,6 +167,21 @@ def test_after_a_quarter_of_the_points_a_page_knows_how_long_the_others_take(exp
             expected_s.append(held.elapsed_s + held.left_s)
     assert held.left_s == pytest.approx(0.0, abs=1e-9)
     assert expected_s[len(expected_s) // 4] == pytest.approx(held.elapsed_s, rel=0.3)
+
+
+def test_a_scan_that_is_resumed_knows_how_long_the_points_it_still_has_take(tmp_path: Path) -> None:
+    """Its first pass is taken, and the points of the second are five times as long."""
+    run = recorded(tmp_path, TWO_PASS)
+    with Recording.open(run) as recording:
+        plan, samples = recording.plan, list(recording.samples())
+    half = len(samples) // 2
+    before, rest, quarter = samples[:half], samples[half:], half // 4
+    ends_s = [sample.taken_s + sample.histogram.live_time_s for sample in samples[half - 1 :]]
+    left = TimeLeft(plan, [sample.point.number for sample in before], ends_s[0])
+    told = [left.times_as_long(sample) for sample in rest]
+    expected = (ends_s[-1] - ends_s[quarter + 1]) / (ends_s[quarter + 1] - ends_s[0])
+    assert told[quarter] == pytest.approx(expected, rel=0.3)
+    assert told[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, tmp_path: Path) -> None:

@@ -74,11 +74,19 @@ def _unicode() -> bool:
 
 def _counting(rich: ModuleType, width: int) -> "tuple[ProgressColumn, ...]":
     """What is being done, how much of it, how fast and how long still; a long name makes room for figures."""
-    of, left = rich.MofNCompleteColumn(table_column=_firm()), rich.TimeRemainingColumn(table_column=_firm())
+    of, left = rich.MofNCompleteColumn(table_column=_firm()), _text(rich, "fields[left]")
     if width < NARROW:
         return _text(rich, "description", max(width - 24, 4)), of, left
     pace = _text(rich, "fields[rate]", 3 * width // 10)
     return _text(rich, "description", width - 52), rich.BarColumn(), of, pace, left
+
+
+def _on_the_clock(left_s: float | None) -> str:
+    """As a clock shows it: hours, minutes, seconds."""
+    if left_s is None:
+        return "-:--:--"
+    minutes, seconds = divmod(round(left_s), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
 
 
 class Stages(_OnScreen, logging.Handler):
@@ -133,25 +141,30 @@ class Progress(_OnScreen):
         self._begun_s = self._shown_s = self._hidden_s = time.monotonic()
         self._bar = _bar_of(_counting)
         if self._bar is not None:
-            self._task = self._bar.add_task(escaped(what), total=total, completed=done, rate="")
+            self._task = self._bar.add_task(
+                escaped(what), total=total, completed=done, rate="", left=_on_the_clock(None)
+            )
 
-    def step(self, by: int = 1, note: str = "") -> None:
-        """So many more are done; `note` is shown beside the pace."""
+    def step(self, by: int = 1, note: str = "", times_as_long: float | None = None) -> None:
+        """So many more are done; `note` is shown beside the pace. `times_as_long`: how many times as long
+        as those of this block took the rest takes, where somebody knows; else all are alike."""
         self._done += by
         now = time.monotonic()
         if now - self._shown_s < (_BAR_S if self._bar is not None else self._line_s):
             return
         self._shown_s = now
-        rate = (self._done - self._begun_with) / max(now - self._begun_s, 1e-9)
+        begun_for_s = max(now - self._begun_s, 1e-9)
+        rate = (self._done - self._begun_with) / begun_for_s
+        left_s = None
+        if self._total is not None and rate > 0:
+            left_s = (self._total - self._done) / rate if times_as_long is None else times_as_long * begun_for_s
         pace = f"{rate:.0f} {self._unit}/s" if rate >= 10 else f"{60 * rate:.1f} {self._unit}/min"
         pace += note
         if self._bar is not None:
-            self._bar.update(self._task, completed=self._done, rate=pace)
+            self._bar.update(self._task, completed=self._done, rate=pace, left=_on_the_clock(left_s))
         else:
-            of, left = "", ""
-            if self._total is not None:
-                of = f" of {self._total}"
-                left = f", {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
+            of = "" if self._total is None else f" of {self._total}"
+            left = "" if left_s is None else f", {left_s:.0f} s left"
             terminal.log(f"{self._done}{of} {self._unit}, {pace}{left}")
 
     def at(self, stage: str) -> None:

@@ -42,6 +42,7 @@ from nlos.response import response_wanted
 from nlos.results_folder import ResultsFolder
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
+from nlos.time_left import TimeLeft
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -203,17 +204,14 @@ def _acquire(
 
     prepared = prepare(request, bench)
     plan = prepared.request.plan
-    if other_axis := refitted(request.plan.axis, plan.axis):
-        terminal.log(f"warning: {other_axis}")
-    for warning in prepared.warnings:
+    for warning in filter(None, (refitted(request.plan.axis, plan.axis), *prepared.warnings)):
         terminal.log(f"warning: {warning}")
-    forecast_s = prepared.choice.forecast.total_s
     if prepared.constants is not None:
         terminal.log(prepared.constants.said(aim_of(bench)))
         if prepared.constants.warning:
             terminal.log(f"warning: {prepared.constants.warning}")
     until = "until stopped, at most " if plan.until_stopped else ""
-    expected = f"{until}{forecast_s:.1f} s{'' if until else ' expected'}"
+    expected = f"{until}{prepared.choice.forecast.total_s:.1f} s{'' if until else ' expected'}"
     terminal.log(f"scheme {prepared.choice.scheme.words}, {expected}; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
     enough, adviser = watching.enough(prepared), watching.adviser(prepared)
@@ -228,6 +226,7 @@ def _acquire(
                 if writer is None:
                     return None
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
+                time_left = TimeLeft(plan, begun.taken, begun.elapsed_s)
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 shown.push(progress)
                 start_s = bench.clock.now() - begun.elapsed_s  # a signal that waited comes where this block ends
@@ -241,7 +240,7 @@ def _acquire(
             with closing(samples):
                 for sample in samples:
                     writer.write(sample)
-                    progress.step()
+                    progress.step(times_as_long=time_left.times_as_long(sample))
                     if enough is not None:
                         enough.add(sample)
                     if adviser is not None:

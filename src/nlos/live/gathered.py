@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.sample import is_pause
 from nlos.chain import constants_for
 from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
@@ -16,6 +15,7 @@ from nlos.live.film import LiveFilm
 from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
 from nlos.response import AUTO, ResponseWanted, with_response
 from nlos.said_once import SaidOnce
+from nlos.time_left import TimeLeft
 
 if TYPE_CHECKING:
     from nlos.acquisition.sample import Sample
@@ -48,16 +48,10 @@ class Gathered:
     lock: threading.Lock = field(default_factory=threading.Lock)
     recent: "deque[tuple[int, float]]" = field(default_factory=lambda: deque(maxlen=64))
     """Detections and live time of the newest samples."""
-    elapsed_s: float = 0.0
-    """Bench time from the scan's start to the end of the last sample."""
-    busy_s: float = 0.0
-    """The same without pauses: what tells how long the rest takes."""
 
     def __post_init__(self) -> None:
         self._tell = SaidOnce()
-        self._dwell_s = self._live_s = 0.0
-        """Of the samples so far: as planned, and as measured, which is less where points stop early."""
-        self._planned_s = self.samples.plan.dwell_total_s
+        self._time = TimeLeft(self.samples.plan)
 
     def __len__(self) -> int:
         """Samples that there may be a picture of: of a film those up to the end of its newest frame."""
@@ -74,15 +68,14 @@ class Gathered:
         return self.samples.plan.most_samples
 
     @property
+    def elapsed_s(self) -> float:
+        """Bench time from the scan's start to the end of the last sample."""
+        return self._time.elapsed_s
+
+    @property
     def left_s(self) -> float | None:
-        """Bench time until the last point of the plan is over, its dwell and what a point has cost beside it so far;
-        None before the first."""
-        done = len(self.samples)
-        if not done:
-            return None
-        beside_s = max(self.busy_s - self._live_s, 0.0) / done
-        lit_s = max(self._planned_s - self._dwell_s, 0.0) * self._live_s / self._dwell_s
-        return max(self.planned - done, 0) * beside_s + lit_s
+        """Bench time until the last point of the plan is over; None before the first."""
+        return self._time.left_s
 
     def add(self, sample: "Sample") -> None:
         """One sample, in the order of the file."""
@@ -92,13 +85,9 @@ class Gathered:
                     self.each.add(sample)
                 if self.film is not None:
                     self.film.add(sample)
-                self._dwell_s += sample.point.dwell_s
-                self._live_s += sample.histogram.live_time_s
+                self._time.took(sample)
             self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
-            live_s = sample.histogram.live_time_s
-            after_s = max(sample.taken_s + live_s - self.elapsed_s, 0.0)
-            self.elapsed_s += after_s
-            self.busy_s += 0.0 if is_pause(after_s, live_s) else after_s
+            self._time.passed(sample)
 
     def finish(self) -> None:
         """No sample will come any more."""
