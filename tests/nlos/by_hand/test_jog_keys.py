@@ -200,8 +200,13 @@ def test_the_newest_of_what_was_said_is_seen(hand: Hand) -> None:
 
 def test_a_gate_in_which_the_light_changed_is_neither_light_nor_dark(hand: Hand) -> None:
     summary = Summary(hand.light)
-    hand.ask_for_light(0.5)
-    updated(hand, lambda: hand.reading is not None and hand.reading.lit is None)
+
+    def mixed() -> bool:
+        if not hand.light.wanted:  # on a busy machine it may have come and gone between two gates
+            hand.ask_for_light(0.5)
+        return hand.reading is not None and hand.reading.lit is None
+
+    updated(hand, mixed)
     assert row(hand)["light"] == "mixed"
     summary.add(hand)
     assert (summary.values()["lit_hz"], summary.values()["dark_hz"]) == (None, None)
