@@ -14,7 +14,7 @@ from nlos.acquisition.planning.budget import Budget as TimeBudget
 from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
-from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts
 
 DWELL_STEP_S = 1e-6
 """Dwells are whole microseconds: what counters can be set to exactly."""
@@ -49,6 +49,12 @@ def unbiased_live_s(live_s: Floats, flags: npt.NDArray[np.uint16], stop: StopAtC
         return live_s
     early = (flags & HistogramFlag.STOPPED_EARLY) != 0
     return np.where(early, live_s * (stop.counts / (stop.counts - 1)), live_s)
+
+
+def unbiased_s(histogram: Histogram, stop: StopAtCounts | None) -> float:
+    """The same of one histogram."""
+    flags = np.array([histogram.flags], dtype=np.uint16)
+    return float(unbiased_live_s(np.array([histogram.live_time_s]), flags, stop)[0])
 
 
 class _Exposure(Settings):

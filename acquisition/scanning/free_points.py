@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.exposure import unbiased_s
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.recording import MAX_CUBE_BYTES
 from nlos.acquisition.sample import Sample
@@ -53,7 +54,7 @@ class FreePoints:
         self._have[number] = True
         place = int(self._place[number])
         self.counts = added(self.counts, place, histogram.counts)
-        self.exposure_s[place] += histogram.live_time_s
+        self.exposure_s[place] += unbiased_s(histogram, self.plan.stop)
         self.sync_count[place] += histogram.sync_count
         self.total_count[place] += histogram.total_count
         return True

@@ -4,12 +4,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.planning.exposure import unbiased_live_s
+from nlos.acquisition.planning.exposure import unbiased_s
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.recording import MAX_CUBE_BYTES
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.drivers.tcspc.counter import Histogram
 
 
 class Gathering:
@@ -46,17 +45,10 @@ class Gathering:
             return False
         self._have[point.number] = True
         self._counts[point.row, point.col] += histogram.counts
-        self._live_s[point.pass_ % self._layers, point.row, point.col] += self._unbiased_s(histogram)
+        self._live_s[point.pass_ % self._layers, point.row, point.col] += unbiased_s(histogram, self.plan.stop)
         self.sync_count[point.row, point.col] += histogram.sync_count
         self.total_count[point.row, point.col] += histogram.total_count
         return True
-
-    def _unbiased_s(self, histogram: Histogram) -> float:
-        """What its counts are divided by."""
-        if self.plan.stop is None:
-            return histogram.live_time_s
-        live_s, flags = np.array([histogram.live_time_s]), np.array([histogram.flags], dtype=np.uint16)
-        return float(unbiased_live_s(live_s, flags, self.plan.stop)[0])
 
     def transient(self) -> Transient:
         """Raw counts so far; time starts at the sync pulse. A copy: adding more does not change it."""

@@ -1,5 +1,6 @@
 """The newest visit to every point of a film, as samples come: what there is to see now."""
 
+from nlos.acquisition.planning.exposure import unbiased_s
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.gathering import Gathering
 
@@ -16,6 +17,6 @@ class NewestVisits(Gathering):
         self._have[point.number] = True
         place = point.row, point.col
         self._counts[place] = histogram.counts
-        self._live_s[0, point.row, point.col] = self._unbiased_s(histogram)
+        self._live_s[0, point.row, point.col] = unbiased_s(histogram, self.plan.stop)
         self.sync_count[place], self.total_count[place] = histogram.sync_count, histogram.total_count
         return True

@@ -16,11 +16,13 @@ from nlos.acquisition.importers.imported import DOUBT, NO_WALL, ImportedScan
 from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
+from nlos.acquisition.planning.exposure import unbiased_s
+from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.frames import rows_of
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
-from nlos.acquisition.sample import ScanPoint
+from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import SaturatedBins
@@ -203,12 +205,20 @@ def _load_recording(recording: Recording, frames: range | None) -> LoadedScan:
     return as_recorded(recording, transient, sync_count, total_count)
 
 
+def _unbiased(sample: Sample, plan: ScanPlan) -> Sample:
+    """Of a plan that stops at counts, with the live time by which counts are divided."""
+    live_s = unbiased_s(sample.histogram, plan.stop)
+    return replace(sample, histogram=replace(sample.histogram, live_time_s=live_s))
+
+
 def _load_free(recording: Recording, frames: range | None) -> LoadedScan:
     """A recording of points off the grid: what was drawn along a spiral, a circle, a line."""
     rows = _rows(recording, frames)
     samples = islice(recording.rows(rows.start), len(rows))
     points = from_samples(
-        each for each in samples if each is not None and (frames is None or each.point.pass_ in frames)
+        _unbiased(each, recording.plan)
+        for each in samples
+        if each is not None and (frames is None or each.point.pass_ in frames)
     )
     transient = _gridded(points, recording.plan.wall)
     nothing = np.zeros_like(transient.exposure_s)

@@ -19,6 +19,7 @@ from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
 from nlos.drivers.clock import SystemClock
+from nlos.drivers.tcspc.counter import HistogramFlag
 from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
 from nlos.live.file_seen import Seen
@@ -182,6 +183,23 @@ def test_a_scan_that_is_resumed_knows_how_long_the_points_it_still_has_take(tmp_
     expected = (ends_s[-1] - ends_s[quarter + 1]) / (ends_s[quarter + 1] - ends_s[0])
     assert told[quarter] == pytest.approx(expected, rel=0.3)
     assert told[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("pattern", ["serpentine", "{kind: circle, radius_m: 0.2, points: 24}"])
+def test_a_point_that_its_last_count_stopped_is_not_taken_for_too_bright(tmp_path: Path, pattern: str) -> None:
+    """On the grid or off it, in the file or as samples come: twenty counts in the time of nineteen."""
+    stop = "exposure: {kind: stop_at_counts, counts: 20, from_ns: 10.0, to_ns: 26.0}\n"
+    run = recorded(tmp_path, EIGHT_BY_EIGHT.replace("pattern: serpentine", f"pattern: {pattern}") + stop)
+    with Recording.open(run) as recording:
+        held, samples = nothing_yet(recording, None, AUTO, False, print), list(recording.samples())
+        for sample in samples:
+            held.add(sample)
+    early = [bool(s.histogram.flags & HistogramFlag.STOPPED_EARLY) for s in samples]
+    assert any(early)
+    expected_s = [s.histogram.live_time_s * (20 / 19 if e else 1.0) for s, e in zip(samples, early, strict=True)]
+    for scan in (load_scan(run), held.so_far()):
+        found_s = scan.transient.exposure_s if scan.points is None else scan.points.exposure_s
+        assert sorted(np.ravel(found_s)) == pytest.approx(sorted(expected_s))
 
 
 def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, tmp_path: Path) -> None:
