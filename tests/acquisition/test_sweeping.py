@@ -17,13 +17,16 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, AlarmSettings
+from nlos.acquisition.scanning.clocked import Stepping
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
-from nlos.acquisition.scanning.sweeping import line_length, sweep
+from nlos.acquisition.scanning.sweeping import append_line, line_length, sweep
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.settle import SettleModel
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.servo import ServoSettings
 
@@ -333,3 +336,18 @@ def test_lines_with_room_for_their_run_ups_are_swept(
     plan = fast_plan(small_plan)
     with open_bench(fenced(0.5)) as bench:
         assert len(list(scan(plan, bench, scheme=Scheme.SWEPT, lag=KNOWN))) == len(plan)
+
+
+@pytest.mark.parametrize("list_mode", [False, True])
+def test_a_run_up_begins_once_the_mirror_has_come_back_and_is_at_rest(list_mode: bool) -> None:
+    """The end of the line before was no rest: the jump back and a step have settled by then."""
+    settle, dwell_s = SettleModel().settle_s, 0.2e-3
+    line = [MirrorAngles(k * 1e-3, 0.0) for k in range(40)]
+    made = Stepping([], [], [], [], 0.0, 0)
+    for _ in range(2):
+        made = append_line(made, line, list(range(40)), dwell_s, settle, list_mode)
+    waits = range(40, len(made.index) - 40)
+    assert {made.index[entry] for entry in waits} == {-1}
+    assert {made.angles[entry] for entry in waits} == {line[0]}
+    waited_s = sum(made.dwells_s[entry] for entry in waits)
+    assert waited_s >= settle(line[-1], line[0]) + settle(line[0], line[1]) - 1e-9
