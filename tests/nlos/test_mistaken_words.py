@@ -132,5 +132,5 @@ def test_a_variable_that_is_not_set_names_no_file_and_no_bench(tmp_path: Path, w
 
 
 def test_what_is_said_of_a_scan_may_be_nothing(tmp_path: Path) -> None:
-    words = ["scan", "five_by_five", "--bench", "zero_latency", "-o", "run.h5", "--sample", "", "--note="]
+    words = ["scan", "five_by_five", "--bench", "zero_latency", "-o", "run.h5", "--sample", "", "--note=a="]
     nlos(tmp_path, *words, check=True)

@@ -84,7 +84,7 @@ def refuse_empty(words: Sequence[str]) -> None:
     this folder, and as a bench the simulated one."""
     for before, word in pairwise(("", *words)):
         option = before if before.startswith("-") else ""
-        if word.startswith("--") and word.endswith("="):
+        if word.startswith("--") and word.endswith("=") and word.count("=") == 1:  # a second one is of the value
             option, word = word[:-1], ""
         if not word and option not in MAY_BE_EMPTY:
             place = f"{option} is" if option else "one word of this command is"
