@@ -28,6 +28,8 @@ BLANK_PHOTONS = 25.0
 USUAL_TIMES, USUAL_SPARE_HZ = 3.0, 1e3
 """Counts with the shutter closed are usual up to so many times what they were at first light, and so many more."""
 RATE_S = 1e-3
+LIVE_S = 1e-6
+"""How finely counters say how long they counted; a point that stops after five photons counts for no more than ten."""
 BLOCK = 64
 
 
@@ -239,8 +241,8 @@ class Alarms:
         return Trouble(name, text, action) if self._levels[name].stands(deviation) else None
 
     def _sync(self, sync_hz: float, live_s: float = 1.0) -> Trouble | None:
-        """One pulse more or less is how the gate fell."""
-        off = max(abs(sync_hz / self._repetition_hz - 1) - 1 / (self._repetition_hz * live_s), 0.0)
+        """One pulse more or less is how the gate fell, and `LIVE_S` how its time was rounded."""
+        off = max(abs(sync_hz / self._repetition_hz - 1) - max(1 / self._repetition_hz, LIVE_S) / live_s, 0.0)
         text = f"the laser pulses at {sync_hz:.6g} Hz, the bench file says {self._repetition_hz:.6g} Hz"
         return self._look("sync", off / self._settings.sync_tolerance, text)
 
