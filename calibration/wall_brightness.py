@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from nlos.calibration.arrival_rounds import TimeOffsets
 
@@ -87,6 +86,8 @@ def wall_brightness(done: HiddenLight, offsets: TimeOffsets) -> WallBrightness |
 
 def _unlike(bright: Floats, counts: Floats, x: Floats, y: Floats) -> tuple[Places, Places]:
     """Points (P,) whose direct light, `bright` (N,) by `counts` (N,), differs from their neighbours' (P, K)."""
+    from scipy.spatial import cKDTree
+
     places = np.stack([x, y], axis=1)
     nearest = np.asarray(cKDTree(places).query(places, k=_NEIGHBOURS + 1)[1])
     at, around = nearest[:, 0], nearest[:, 1:]

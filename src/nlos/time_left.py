@@ -19,7 +19,7 @@ class TimeLeft:
         """Of the samples so far: as planned, and as measured, which is less where points stop early."""
         self.elapsed_s = elapsed_s
         """Bench time from the scan's start to the end of the last sample."""
-        self._busy_s = 0.0
+        self.busy_s = 0.0
         """The same without pauses: what tells how long the rest takes."""
 
     def passed(self, sample: Sample) -> None:
@@ -27,7 +27,7 @@ class TimeLeft:
         live_s = sample.histogram.live_time_s
         after_s = max(sample.taken_s + live_s - self.elapsed_s, 0.0)
         self.elapsed_s += after_s
-        self._busy_s += 0.0 if is_pause(after_s, live_s) else after_s
+        self.busy_s += 0.0 if is_pause(after_s, live_s) else after_s
 
     def took(self, sample: Sample) -> None:
         """It is its point's first: one less is left."""
@@ -40,7 +40,7 @@ class TimeLeft:
         """Bench time until the last point of the plan is over; None before the first sample."""
         if not self._samples:
             return None
-        beside_s = max(self._busy_s - self._live_s, 0.0) / self._samples
+        beside_s = max(self.busy_s - self._live_s, 0.0) / self._samples
         lit_s = max(self._left_dwell_s - self._dwell_s, 0.0) * self._live_s / self._dwell_s
         return max(self._left - self._samples, 0) * beside_s + lit_s
 
@@ -50,4 +50,4 @@ class TimeLeft:
         self.passed(newest)
         self.took(newest)
         left_s = self.left_s
-        return None if left_s is None or not self._busy_s else left_s / self._busy_s
+        return None if left_s is None or not self.busy_s else left_s / self.busy_s

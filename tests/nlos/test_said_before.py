@@ -67,7 +67,7 @@ def test_a_recording_is_not_imported(nlos: Nlos, taken: Path, tmp_path: Path) ->
 
 
 def test_no_format_is_answered_by_those_there_are(nlos: Nlos, taken: Path) -> None:
-    done = nlos("export", str(taken), "--to", "")
+    done = nlos("export", str(taken), "--to", ",")
     assert (done.returncode, "--to: name one format, or several with commas between them: npz, mat" in done.stderr) == (
         2, True,
     )  # fmt: skip
