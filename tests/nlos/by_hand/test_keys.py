@@ -3,7 +3,9 @@
 import io
 import os
 import pty
+import select
 import signal
+import sys
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +48,7 @@ def test_a_terminal_is_as_it_was_once_its_keys_are_no_longer_read(monkeypatch: p
     with a_terminal(monkeypatch) as ours:
         before, stopped_by = termios.tcgetattr(ours), signal.getsignal(signal.SIGTTIN)
         os.write(ours, b" \n")  # pressed before anybody looked: no wish for light
+        assert select.select([sys.stdin], [], [], 60.0)[0], "the terminal did not hand it on"
         with keys_of_terminal(Stops()) as keys:
             assert not termios.tcgetattr(ours)[3] & (termios.ICANON | termios.ECHO)
             assert signal.getsignal(signal.SIGTTIN) is signal.SIG_IGN
