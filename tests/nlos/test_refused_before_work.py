@@ -29,6 +29,8 @@ WORK = [
     ("replay run.h5 -o", ".h5", "nlos.cli.replay.open_checked"),
     ("new bench --simulated --no-check -o", ".yaml", "nlos.cli.new.detect"),
 ]
+AT_ONCE = [row for row in WORK if not row[0].startswith("calibrate run.h5")]
+"""`calibrate` reads its runs first, for the bench that constants are kept with: see test_where_it_is_written.py."""
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +58,10 @@ def ids(rows: list[tuple[str, str, str]]) -> list[str]:
 
 
 @needs_proc
-@pytest.mark.parametrize(("words", "kind", "work"), WORK, ids=ids(WORK))
+@pytest.mark.parametrize(("words", "kind", "work"), AT_ONCE, ids=ids(AT_ONCE))
 def test_a_folder_that_takes_no_files(
     folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, kind: str, work: str
 ) -> None:
-    if words.startswith("calibrate run.h5"):  # reads its runs first, for the bench that constants are kept with
-        pytest.skip("tests/nlos/test_where_it_is_written.py")
     monkeypatch.setattr(work, never)
     option = words.split()[-1]
     done = nlos(folder, *words.split(), f"/proc/it{kind}", "--overwrite")
@@ -95,12 +95,10 @@ def test_a_file_at_the_name(folder: Path, monkeypatch: pytest.MonkeyPatch, words
     assert (folder / f"it{kind}").read_text() == "another's"
 
 
-@pytest.mark.parametrize("words", [row[0] for row in WORK if "first" not in row[0] and "new" not in row[0]])
+@pytest.mark.parametrize("words", [row[0] for row in AT_ONCE if "first" not in row[0] and "new" not in row[0]])
 def test_more_than_a_folder_missing(folder: Path, words: str) -> None:
     """`calibrate` makes all of it: constants are kept far down."""
     kind = {row[0]: row[1] for row in WORK}[words]
-    if words.startswith("calibrate"):
-        pytest.skip("makes them")
     done = nlos(folder, *words.split(), f"no/way/it{kind}")
     assert (done.returncode, "is not a folder. Make it first" in done.stderr) == (2, True), done.stderr
 
