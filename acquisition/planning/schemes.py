@@ -14,7 +14,7 @@ from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
 from nlos.acquisition.scanning.sweeping import Lines, sweep
 from nlos.drivers.bench import Bench
-from nlos.drivers.bench_settings import AllowedArea
+from nlos.drivers.bench_settings import GeometrySettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
 
@@ -125,7 +125,7 @@ def forecast(
 def _swept_forecast(
     plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, lag: Lag | None
 ) -> Forecast:
-    lines = continuous_lines(plan, angles, bench.settings.geometry.allowed)
+    lines = continuous_lines(plan, angles, bench.settings.geometry)
     if lag is not None:
         lines.lag_s = lag.lag_s
         return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines))
@@ -139,25 +139,25 @@ def sequencer(
     scheme: Scheme,
     plan: ScanPlan,
     angles: Sequence[MirrorAngles],
+    geometry: GeometrySettings,
     lag_s: float | None = None,
-    allowed: AllowedArea | None = None,
 ) -> Sequencer:
     """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
     allow, or whose lag is not known."""
     if scheme is not Scheme.SWEPT:
         return stepping
-    lines = continuous_lines(plan, angles, allowed)
+    lines = continuous_lines(plan, angles, geometry)
     if lag_s is None:
         raise ValueError("continuous lines need the mirror's lag")
     lines.lag_s = lag_s
     return partial(sweep, lines=lines)
 
 
-def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles], allowed: AllowedArea | None) -> Lines:
+def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles], geometry: GeometrySettings) -> Lines:
     """The plan's lines, for a mirror without lag. Raises `ValueError` where it does not allow any."""
     if plan.within_px is None:
         raise ValueError("the plan does not allow continuous lines")
-    return Lines(plan, angles, 0.0, allowed)
+    return Lines(plan, angles, 0.0, geometry)
 
 
 def _expected(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> tuple[ScanPlan, Sequence[MirrorAngles]]:

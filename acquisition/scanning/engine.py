@@ -117,8 +117,7 @@ class _Run:
                 lag_s = self._lag_s() if choice.scheme is Scheme.SWEPT else None
                 if control.state is not ScanState.RUNNING:
                     return
-                allowed = bench.settings.geometry.allowed
-                made_by = sequencer(choice.scheme, self._plan, self._angles, lag_s, allowed)
+                made_by = sequencer(choice.scheme, self._plan, self._angles, bench.settings.geometry, lag_s)
                 self._take = partial(clocked.take, sequencer=made_by)
             while todo := self._left.numbers(bench.counter.max_points):
                 if not control.wanted:

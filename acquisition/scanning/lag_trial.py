@@ -112,7 +112,7 @@ def measure(
     within_px = plan.within_px
     if within_px is None:
         raise ValueError("the plan does not allow continuous lines")
-    lines = Lines(plan, angles, 0.0, bench.settings.geometry.allowed)
+    lines = Lines(plan, angles, 0.0, bench.settings.geometry)
     dwell_s = trial_dwell_s(lines)
     bench.counter.check(plan.axis, dwell_s)
     lines.lag_s = first_guess_s(lines, bench.mirror.settle_s)

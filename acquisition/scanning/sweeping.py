@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import drawn_aim
 from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.scanning.clocked import Settle, Stepping
-from nlos.drivers.bench_settings import AllowedArea
+from nlos.drivers.bench_settings import GeometrySettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import WAITING_NUMBER
@@ -34,14 +35,14 @@ Floats = npt.NDArray[np.float64]
 
 class Lines:
     """The lines of a plan: which points lie evenly on one straight line, with the same dwell. Their run-ups, which
-    are lit, too, stay within `allowed`."""
+    are lit, too, stay within what `geometry` allows."""
 
     def __init__(
-        self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float, allowed: AllowedArea | None
+        self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float, geometry: GeometrySettings
     ) -> None:
         self.place = np.array([(each.x_rad, each.y_rad) for each in angles])  # (N, 2)
         self._on_wall_m = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)  # (N, 2)
-        self._allowed = allowed
+        self._allowed, self._aim = geometry.allowed, drawn_aim(geometry)
         self.dwell_s = plan.dwell_s
         self.lag_s = lag_s
         self.first, self.end = np.empty(len(plan), dtype=np.intp), np.empty(len(plan), dtype=np.intp)
@@ -71,21 +72,28 @@ class Lines:
             return [MirrorAngles(*place[0])]
         step_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[1]))
         run_up = math.ceil(RUN_UP * (step_s + max(self.lag_s, 0.0)) / dwell_s - 1e-9)
-        self._check_allowed(_line(self._on_wall_m[numbers], self.lag_s / dwell_s, run_up))
-        return [MirrorAngles(x, y) for x, y in _line(place, self.lag_s / dwell_s, run_up).tolist()]
+        way = _line(place, self.lag_s / dwell_s, run_up)
+        self._check_allowed(int(numbers[0]), way[0])
+        self._check_allowed(int(numbers[-1]), way[-1])
+        return [MirrorAngles(x, y) for x, y in way.tolist()]
 
-    def _check_allowed(self, way_m: Floats) -> None:
-        """Of a straight line, its ends."""
-        if self._allowed is None:
-            return
-        for x_m, y_m in way_m[[0, -1]].tolist():
+    def _check_allowed(self, point: int, end: Floats) -> None:
+        """Of an end of a line, angles (2,) beyond a point of it: equal steps of the mirror are ever longer ones on the
+        wall. A mirror whose spots were measured puts the point where the plan says, and goes on as the geometry has
+        it."""
+        if self._allowed is not None:
+            x_m, y_m = self._on_wall_m[point] + self._on_wall(end) - self._on_wall(self.place[point])
             try:
-                self._allowed.check(x_m, y_m)
+                self._allowed.check(float(x_m), float(y_m))
             except LimitError as error:
                 what = f"the run-up of a continuous line, which is lit: {error.what}"
                 raise LimitError(
                     error.device, what, f"{error.remedy} Or take `continuous` out of the scan file."
                 ) from error
+
+    def _on_wall(self, angles: Floats) -> Floats:
+        """x and y (2,), in metres, by the geometry that the bench file states."""
+        return np.array(self._aim.wall_points(angles[0], angles[1]))
 
 
 def sweep(

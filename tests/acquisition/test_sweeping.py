@@ -260,7 +260,7 @@ def test_every_line_begins_at_rest(bench_settings: Benches, small_plan: Plans, l
     with open_bench(bench_settings()) as bench:
         settle = bench.mirror.settle_s
         angles = checked_angles(plan, bench, aim_of(bench))
-        lines = continuous_lines(plan, angles, None)
+        lines = continuous_lines(plan, angles, bench.settings.geometry)
         lines.lag_s = 1e-4
         made = partial(sweep, lines=lines)(list(plan), angles, settle, 1200, list_mode)
     assert len(made.index) == len(made.angles) == len(made.dwells_s) == len(made.numbers) <= 1200
@@ -328,6 +328,27 @@ def test_no_line_is_swept_whose_run_up_leaves_what_is_allowed(
         choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)), lag=lag)
         assert choice.scheme is not Scheme.SWEPT
         assert "run-up" in choice.why
+
+
+def test_a_run_up_is_held_against_where_the_beam_lands_not_against_equal_steps_on_the_wall(
+    fenced: Callable[[float], BenchSettings], small_plan: Plans
+) -> None:
+    """Equal steps of the mirror are ever longer ones on the wall: some millimetres to centimetres beyond the points."""
+    plan = fast_plan(small_plan)
+
+    def farthest_m(half_m: float) -> float:
+        with open_bench(fenced(half_m)) as bench:
+            aim, angles = aim_of(bench), checked_angles(plan, bench, aim_of(bench))
+            lines = continuous_lines(plan, angles, bench.settings.geometry)
+            ways = [
+                lines.commands(*each, bench.mirror.settle_s) for each in {*zip(lines.first, lines.end, strict=True)}
+            ]
+            return max(abs(at_m) for way in ways for each in way for at_m in aim.wall_point(each))
+
+    landed_m = farthest_m(10.0)
+    assert farthest_m(landed_m + 1e-6) == pytest.approx(landed_m)
+    with pytest.raises(LimitError, match="run-up"):
+        farthest_m(landed_m - 1e-4)
 
 
 def test_lines_with_room_for_their_run_ups_are_swept(
