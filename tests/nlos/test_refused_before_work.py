@@ -157,7 +157,7 @@ def test_a_recording_is_not_recovered_over_itself(folder: Path) -> None:
 
 
 def test_plan_says_that_scan_would_refuse_the_name(folder: Path) -> None:
-    """Not an error: --resume goes on with it."""
+    """A warning, not an error: the scan may be resumed."""
     words = ["plan", "five_by_five", "--bench", "zero_latency", "-o", "run.h5"]
     assert "run.h5: exists. `nlos scan` will ask" in nlos(folder, *words, check=True).stderr
     assert "exists" not in nlos(folder, *words, "--overwrite", check=True).stderr

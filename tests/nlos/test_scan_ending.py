@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,16 @@ def broken_answer_while_ending(kind: type[BaseException]) -> BaseException:
             raise ProtocolError("mirror", "half an answer.")
     except ProtocolError as error:
         return error
+
+
+@contextlib.contextmanager
+def an_ending(path: Path) -> Iterator[tuple[ScanEnding, RecordingWriter, list[tuple[str, str]]]]:
+    """Of a scan into `path`, its writer, and what the bench tells of it."""
+    told: list[tuple[str, str]] = []
+    with open_bench(load("bench", "zero_latency", BenchSettings).settings) as bench:
+        bench.on_event = lambda kind, text: told.append((kind, text))
+        writer = RecordingWriter.create(path, PLAN, Header())
+        yield ScanEnding(bench, writer, ScanControl(), "--resume"), writer, told
 
 
 @pytest.mark.parametrize(
@@ -83,11 +94,7 @@ def test_after_the_last_sample_a_person_changes_nothing_and_a_device_that_fails_
     tmp_path: Path, error: BaseException | None, status: Status, said: str
 ) -> None:
     """A shutter that nobody saw close is no scan that went well, though no point is lost."""
-    bench_settings, told = load("bench", "zero_latency", BenchSettings).settings, list[tuple[str, str]]()
-    with open_bench(bench_settings) as bench:
-        bench.on_event = lambda kind, text: told.append((kind, text))
-        writer = RecordingWriter.create(tmp_path / "run.h5", PLAN, Header())
-        ending = ScanEnding(bench, writer, ScanControl(), "--resume")
+    with an_ending(tmp_path / "run.h5") as (ending, writer, told):
         with contextlib.suppress(DeviceError, KeyboardInterrupt, GeneratorExit), ending:
             for number in range(16):
                 writer.write(sample_of(PLAN, number))
@@ -103,11 +110,7 @@ def test_after_the_last_sample_a_person_changes_nothing_and_a_device_that_fails_
 def test_a_scan_whose_last_samples_its_disk_refused_is_not_called_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench_settings, told = load("bench", "zero_latency", BenchSettings).settings, list[tuple[str, str]]()
-    with open_bench(bench_settings) as bench:
-        bench.on_event = lambda kind, text: told.append((kind, text))
-        writer = RecordingWriter.create(tmp_path / "run.h5", PLAN, Header())
-        ending = ScanEnding(bench, writer, ScanControl(), "--resume")
+    with an_ending(tmp_path / "run.h5") as (ending, writer, told):
         for number in range(16):
             writer.write(sample_of(PLAN, number))
         monkeypatch.setattr(StoredRows, "write", full)

@@ -125,7 +125,7 @@ def plan(
 
 
 def _stands_there(output: Path | None, overwrite: bool) -> str:
-    """Of a name that `scan` would refuse, unless it is to go on with what is there: nobody said so to `plan`."""
+    """What to say of a recording that `scan` would refuse to replace; whether it will be resumed, `plan` is not told."""
     if output is None or overwrite or not os.path.lexists(output):
         return ""
     return f"{output}: exists. `nlos scan` will ask for another name, for --resume or for --overwrite."
