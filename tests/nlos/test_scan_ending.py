@@ -94,12 +94,15 @@ def test_after_the_last_sample_a_person_changes_nothing_and_a_device_that_fails_
     tmp_path: Path, error: BaseException | None, status: Status, said: str
 ) -> None:
     """A shutter that nobody saw close is no scan that went well, though no point is lost."""
-    with an_ending(tmp_path / "run.h5") as (ending, writer, told):
-        with contextlib.suppress(DeviceError, KeyboardInterrupt, GeneratorExit), ending:
-            for number in range(16):
-                writer.write(sample_of(PLAN, number))
-            if error is not None:
-                raise error
+    with (
+        an_ending(tmp_path / "run.h5") as (ending, writer, told),
+        contextlib.suppress(DeviceError, KeyboardInterrupt, GeneratorExit),
+        ending,
+    ):
+        for number in range(16):
+            writer.write(sample_of(PLAN, number))
+        if error is not None:
+            raise error
     assert (said in ending.safe, "--resume" in ending.safe) == (True, False)
     assert told[-1] == ("scan", status.name.lower())
     with Recording.open(tmp_path / "run.h5") as recording:
