@@ -125,7 +125,7 @@ def plan(
 
 
 def _stands_there(output: Path | None, overwrite: bool) -> str:
-    """What to say of a recording that `scan` would refuse to replace; `plan` does not know whether it will be resumed."""
+    """What to say of a recording that `scan` would refuse to replace: `plan` cannot know that it will be resumed."""
     if output is None or overwrite or not os.path.lexists(output):
         return ""
     return f"{output}: exists. `nlos scan` will ask for another name, for --resume or for --overwrite."
