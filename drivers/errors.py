@@ -1,5 +1,7 @@
 """The tree of device errors: every way in which a cable, a controller or a counter can fail has one name here."""
 
+import copyreg
+
 
 class DeviceError(Exception):
     """Something went wrong with a device.
@@ -19,6 +21,10 @@ class DeviceError(Exception):
         """The same error in other words."""
         self.what, self.remedy = what, remedy
         self.args = (f"{self.device}: {what} {remedy}".rstrip(),)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copied as it is, between processes, too: a pool whose worker sends what cannot be read waits for ever."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class DeviceNotFound(DeviceError):
