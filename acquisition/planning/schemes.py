@@ -1,20 +1,20 @@
 """Which way of scanning is the fastest that bench and plan allow, and why."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 
 import numpy as np
 
+from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of
 from nlos.acquisition.planning.timing import Forecast, Links, clocked_forecast, links_of, moves_s, stepped_forecast
-from nlos.acquisition.scanning.clocked import Sequencer, stepping
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
-from nlos.acquisition.scanning.sweeping import Lines, sweep
+from nlos.acquisition.scanning.sweeping import LineRefused, Lines, sweep
 from nlos.drivers.bench import Bench
-from nlos.drivers.bench_settings import GeometrySettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
 
@@ -59,6 +59,14 @@ class Choice:
     scheme: Scheme
     why: str
     forecast: Forecast
+    otherwise: "Choice | None" = None
+    """Of continuous lines: by points, should the lag that is measured first take the lines too far."""
+
+    @property
+    def said(self) -> str:
+        """As the event log of a recording keeps it."""
+        most = "" if self.forecast.certain == 1.0 else "at most "
+        return f"{self.scheme.words}, {most}{self.forecast.total_s:.1f} s expected; {self.why}"
 
 
 def choose(
@@ -67,10 +75,11 @@ def choose(
     angles: Sequence[MirrorAngles],
     links: Links | None = None,
     lag: Lag | None = None,
+    aim: Aiming | None = None,
 ) -> Choice:
-    """The fastest scheme. Clocked ones need a sequence in the mirror, a clock in the counter, and the marker wires
-    without which nobody would notice that the two are out of step; or a mirror with its own clock, whose marks begin
-    the counter's points."""
+    """The fastest scheme, for `angles` that `aim` made: the bench file's geometry, unless told. Clocked ones need a
+    sequence in the mirror, a clock in the counter, and the marker wires without which nobody would notice that the two
+    are out of step; or a mirror with its own clock, whose marks begin the counter's points."""
     links = links or links_of(bench)
     plan, angles = _expected(plan, angles)
     stepped = _of_frames(stepped_forecast, plan, bench, angles, links)
@@ -87,20 +96,22 @@ def choose(
         if scheme is not Scheme.PLAYED:
             raise
         return Choice(Scheme.STEPPED, f"not by its own clock: {error.what}", stepped)
+    points = Choice(Scheme.STEPPED, f"clocked it would take {clocked.total_s:.1f} s", stepped)
+    if clocked.total_s < stepped.total_s:
+        points = Choice(scheme, f"stepped by the host it would take {stepped.total_s:.1f} s", clocked)
     if (
         scheme is not Scheme.PLAYED
         and plan.within_px is not None
         and np.median(plan.dwell_s) < np.median(moves_s(bench, angles[:FORECAST_POINTS]))
     ):
         try:
-            swept = forecast(Scheme.SWEPT, plan, bench, angles, links, lag)
-        except LimitError as error:
-            return Choice(scheme, f"not in continuous lines: {error.what}", clocked)
-        if swept.total_s < min(clocked.total_s, stepped.total_s):
-            return Choice(Scheme.SWEPT, f"settling at every point it would take {clocked.total_s:.1f} s", swept)
-    if clocked.total_s < stepped.total_s:
-        return Choice(scheme, f"stepped by the host it would take {stepped.total_s:.1f} s", clocked)
-    return Choice(Scheme.STEPPED, f"clocked it would take {clocked.total_s:.1f} s", stepped)
+            swept = _of_frames(partial(_swept_forecast, lag=lag, aim=aim), plan, bench, angles, links)
+        except LineRefused as error:
+            return replace(points, why=f"not in continuous lines: {error.what}")
+        if swept.total_s < points.forecast.total_s:
+            why = f"settling at every point it would take {points.forecast.total_s:.1f} s"
+            return Choice(Scheme.SWEPT, why, swept, points)
+    return points
 
 
 def forecast(
@@ -108,24 +119,29 @@ def forecast(
     plan: ScanPlan,
     bench: Bench,
     angles: Sequence[MirrorAngles],
-    links: Links | None = None,
     lag: Lag | None = None,
+    aim: Aiming | None = None,
 ) -> Forecast:
     """How long the plan takes in `scheme`; continuous lines with the usual measurement of the lag before them where it
-    is not known."""
-    links = links or links_of(bench)
+    is not known. Raises `LineRefused` for lines that cannot be swept."""
+    links = links_of(bench)
     plan, angles = _expected(plan, angles)
     if scheme is Scheme.STEPPED:
         return _of_frames(stepped_forecast, plan, bench, angles, links)
     if scheme is not Scheme.SWEPT:
         return _of_frames(clocked_forecast, plan, bench, angles, links)
-    return _of_frames(partial(_swept_forecast, lag=lag), plan, bench, angles, links)
+    return _of_frames(partial(_swept_forecast, lag=lag, aim=aim), plan, bench, angles, links)
 
 
 def _swept_forecast(
-    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, lag: Lag | None
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links,
+    lag: Lag | None,
+    aim: Aiming | None,
 ) -> Forecast:
-    lines = continuous_lines(plan, angles, bench.settings.geometry)
+    lines = continuous_lines(plan, bench, angles, aim)
     if lag is not None:
         lines.lag_s = lag.lag_s
         return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines))
@@ -135,29 +151,11 @@ def _swept_forecast(
     return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines), [before] * USUAL)
 
 
-def sequencer(
-    scheme: Scheme,
-    plan: ScanPlan,
-    angles: Sequence[MirrorAngles],
-    geometry: GeometrySettings,
-    lag_s: float | None = None,
-) -> Sequencer:
-    """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
-    allow, or whose lag is not known."""
-    if scheme is not Scheme.SWEPT:
-        return stepping
-    lines = continuous_lines(plan, angles, geometry)
-    if lag_s is None:
-        raise ValueError("continuous lines need the mirror's lag")
-    lines.lag_s = lag_s
-    return partial(sweep, lines=lines)
-
-
-def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles], geometry: GeometrySettings) -> Lines:
+def continuous_lines(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], aim: Aiming | None = None) -> Lines:
     """The plan's lines, for a mirror without lag. Raises `ValueError` where it does not allow any."""
     if plan.within_px is None:
         raise ValueError("the plan does not allow continuous lines")
-    return Lines(plan, angles, 0.0, geometry)
+    return Lines(plan, bench, angles, aim or aim_of(bench))
 
 
 def _expected(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> tuple[ScanPlan, Sequence[MirrorAngles]]:

@@ -14,7 +14,7 @@ from nlos.acquisition.scanning.clocked import Sequencer, Stepping, next_sequence
 from nlos.drivers.bench import Bench
 from nlos.drivers.device_settings import Cable
 from nlos.drivers.galvo.block import MirrorBlock
-from nlos.drivers.galvo.mirror import LooksAgain, ManyAtOnce, MirrorAngles, axes_rad, surely_reached
+from nlos.drivers.galvo.mirror import LooksAgain, ManyAtOnce, MirrorAngles, axes_rad
 
 SCAN_QUESTIONS = 6
 """Exchanges with the counter that set up a scan, alarms included, and end it."""
@@ -163,24 +163,18 @@ def clocked_forecast(
     before: Sequence[Stepping] = (),
 ) -> Forecast:
     """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`. The
-    scan pays for a move in the dark before its light. Raises `LimitError` where a run-up leaves the mirror's reach."""
+    scan pays for a move in the dark before its light."""
     whole = Forecast(0.0, 0.0, links.scan_s + links.move_s, 0.0, links.margin, certain_share(plan))
     ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
     together, left = min(bench.counter.max_points, plan.most_together), list(before)
     points: list[ScanPoint] = []
-    checked: set[MirrorAngles] = set()  # of frames, each has the same points
     while first < len(plan):
         # Of many points a sequence takes few.
         points += plan.points(first + len(points), first + together)
         part = next_sequence(bench, points, angles[first : first + len(points)], sequencer)
         if left:
             part = replace(left.pop(), count=0)
-        if not surely_reached(bench.mirror, *axes_rad(part.angles)):
-            for each in part.angles:
-                if each not in checked:
-                    bench.mirror.check(each)
-                    checked.add(each)
         dwell_s = sum(point.dwell_s for point in points[: part.count])
         whole = replace(
             whole,

@@ -48,6 +48,8 @@ class ScanControl:
         self._ask = ask_to_go_on or (lambda why: False)
         self._state = ScanState.READY
         self._wanted = ""
+        self.scheme = ""
+        """By which the scan is taken: not always the one that was chosen before its light."""
 
     @property
     def state(self) -> ScanState:

@@ -6,22 +6,25 @@ before anything else happens.
 
 import contextlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
 from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
-from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
+from nlos.acquisition.planning.schemes import Choice, Scheme, choose, continuous_lines, forecast
 from nlos.acquisition.recording.ended_as_asked import KIND, NOTHING_LEFT
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, lag_trial, stepped
 from nlos.acquisition.scanning.advice import Adviser
 from nlos.acquisition.scanning.alarms import DONE, Action, AlarmRaised, Alarms, Trouble, sentence
 from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
+from nlos.acquisition.scanning.dark import dark, dark_whatever_happens, shut
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.left_to_take import LeftToTake
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
+from nlos.acquisition.scanning.sweeping import LineRefused, Lines, sweep
 from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
@@ -56,14 +59,19 @@ def scan(
     after every sample, and once before the light of a scan that is resumed, whether the scan may end early; where a
     first pass is followed by a second, the first yes ends the first. `decided`: after how many of the samples in
     `taken` it had said yes. `adviser` says which candidates of a plan with a budget come next. Continuous lines are
-    swept by `lag`, or by what is measured before them. Raises `DeviceError` with the shutter closed.
+    swept by `lag`, or by what is measured before them; lines that lead by that and do not fit are taken point by point,
+    unless `scheme` asks for lines. Raises `DeviceError` with the shutter closed.
     """
-    angles = checked_angles(plan, bench, aim or aim_of(bench))
-    choice = choose(plan, bench, angles, lag=lag)
-    if scheme is not None and scheme is not choice.scheme:
-        choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles, lag=lag))
-    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide, adviser, decided)
-    return _Run(plan, bench, angles, dict(taken or {}), under_way, lag).samples(choice)
+    aim = aim or aim_of(bench)
+    angles = checked_angles(plan, bench, aim)
+    choice = choose(plan, bench, angles, lag=lag, aim=aim)
+    if scheme is not None:
+        expected = choice.forecast if scheme is choice.scheme else forecast(scheme, plan, bench, angles, lag, aim)
+        choice = Choice(scheme, "as asked for", expected)
+    start_s = bench.clock.now() - elapsed_s
+    under_way = UnderWay(control or ScanControl(), start_s, alarms, decide, adviser, decided, lag)
+    lines = continuous_lines(plan, bench, angles, aim) if choice.scheme is Scheme.SWEPT else None
+    return _Run(plan, bench, angles, dict(taken or {}), under_way, lines).samples(choice)
 
 
 def record(
@@ -87,11 +95,11 @@ class _Run:
         angles: Sequence[MirrorAngles],
         photons: dict[int, int],
         under_way: UnderWay,
-        lag: Lag | None,
+        lines: Lines | None,
     ) -> None:
         self._plan, self._bench, self._angles = plan, bench, angles
         self._under_way, self._control, self._alarms = under_way, under_way.control, under_way.alarms
-        self._lag = lag
+        self._lag, self._lines = under_way.lag, lines
         self._before = tuple(photons)
         self._left = LeftToTake(plan, bench, photons, under_way.adviser)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
@@ -102,23 +110,17 @@ class _Run:
         bench.check_open()
         if not control.wanted:
             bench.shutter.release()
-        most = "" if choice.forecast.certain == 1.0 else "at most "
-        bench.report(
-            "scheme",
-            f"{choice.scheme.words}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}",
-        )
+        self._takes_by(choice)
         control.enter(ScanState.RUNNING)
         try:
             if self._decided_before_light():
                 return
             undeterred(self._look_around)
             undeterred(partial(bench.counter.configure, self._plan.axis, self._plan.stop))
-            if choice.scheme is not Scheme.STEPPED:
-                lag_s = self._lag_s() if choice.scheme is Scheme.SWEPT else None
+            if self._lines is not None:
+                self._sweep_or(choice.otherwise, self._lines)
                 if control.state is not ScanState.RUNNING:
                     return
-                made_by = sequencer(choice.scheme, self._plan, self._angles, bench.settings.geometry, lag_s)
-                self._take = partial(clocked.take, sequencer=made_by)
             while todo := self._left.numbers(bench.counter.max_points):
                 if not control.wanted:
                     self._left.check_progress(todo[0])
@@ -129,12 +131,12 @@ class _Run:
                         self._pause()
                 if control.state is not ScanState.RUNNING:
                     return
-            self._dark("the scan is over" if self._left.first_pass_cut else "the scan is complete")
+            dark(self._bench, "the scan is over" if self._left.first_pass_cut else "the scan is complete")
             if self._left.first_pass_cut:
                 self._bench.report(KIND, NOTHING_LEFT)
             control.enter(ScanState.ENDED if self._left.first_pass_cut else ScanState.COMPLETE)
         except SafetyTrip as error:
-            self._shut(error)
+            shut(bench, error)
             if control.state is not ScanState.STOPPED:
                 control.enter(ScanState.STOPPED)
             raise
@@ -146,21 +148,40 @@ class _Run:
             if control.state is ScanState.RUNNING:
                 control.enter(ScanState.ENDED)
             if control.state is not ScanState.COMPLETE and not bench.closed:
-                self._dark_whatever_happens()
+                dark_whatever_happens(bench)
 
-    def _lag_s(self) -> float:
-        """By how much the mirror trails continuous lines: as known, or measured now; paused and ended as ever."""
+    def _takes_by(self, choice: Choice) -> None:
+        self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
+        self._control.scheme = choice.scheme.value
+        self._bench.report("scheme", choice.said)
+
+    def _sweep_or(self, points: Choice | None, lines: Lines) -> None:
+        """Sweeps lines once their lag is known; takes `points`, where there are any, if lines cannot lead by it."""
+        mirror, counter = self._bench.mirror, self._bench.counter
+        try:
+            if (lag := self._known_lag(lines)) is not None:
+                lines.lag_s = lag.lag_s
+                lines.check(mirror.settle_s, min(mirror.max_sequence, counter.max_points))
+            self._take = partial(clocked.take, sequencer=partial(sweep, lines=lines))
+        except LineRefused as error:
+            if points is None:
+                raise
+            dark(self._bench, "a line that does not fit")
+            self._takes_by(replace(points, why=f"not in continuous lines: {error.what}"))
+
+    def _known_lag(self, lines: Lines) -> Lag | None:
+        """By how much the mirror trails them: as known, or measured now; paused and ended as ever."""
         while self._lag is None and self._control.state is ScanState.RUNNING:
             try:
                 if not self._control.wanted:
-                    self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._under_way)
+                    self._lag = lag_trial.measure(self._plan, self._bench, lines, self._under_way)
             except lag_trial.TrialEnded as ended:
                 self._meet(ended.trouble, None)
             if self._lag is None:
                 self._pause()
         if self._lag is not None:
             self._bench.report("lag", self._lag.text())
-        return self._lag.lag_s if self._lag is not None else 0.0
+        return self._lag
 
     def _segment(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
@@ -175,7 +196,7 @@ class _Run:
             pass  # while the batch was being armed: `watch` says why
         except MirrorDisturbed as error:
             self._bench.report("warning", f"{error.device}: {error.what}")
-            self._dark(error.what)
+            dark(self._bench, error.what)
             self._bench.mirror.park()
         finally:
             self._bench.while_waiting = lambda: None
@@ -237,7 +258,7 @@ class _Run:
     def _pause(self) -> None:
         """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
         why, alarm, self._alarm = self._control.wanted, self._alarm, None
-        self._dark(why)
+        dark(self._bench, why)
         paused = f"paused by {why}" if alarm is None else f"paused: {why}"
         self._bench.report("scan", paused)
         going = self._control.pause(ScanState.STOPPED if alarm is not None else ScanState.ENDED)
@@ -258,30 +279,3 @@ class _Run:
         bench.counter.configure(self._plan.axis, self._plan.stop)
         for warning in (each for each in bench.warnings if each not in known):
             bench.report("warning", warning)
-
-    def _dark(self, why: str) -> None:
-        """Shutter first, then the gate, then the mirror's stepping."""
-        for step in (partial(self._bench.shutter.close, why), self._bench.counter.abort, self._bench.mirror.stop):
-            undeterred(step)
-
-    def _shut(self, trip: SafetyTrip) -> None:
-        """Light off before anything is written down; a trip, but not an alarm, keeps it off until a person clears it.
-        What fails here is tried again on the way out."""
-        shutter = self._bench.shutter
-        try:
-            if isinstance(trip, AlarmRaised):
-                shutter.close("an alarm")
-                self._bench.report("trip", str(trip))
-            else:
-                shutter.latch(str(trip))
-        except DeviceError as error:
-            self._bench.report("device", str(error))
-
-    def _dark_whatever_happens(self) -> None:
-        """On the way out after an error: what fails here is reported, and tried again as the bench is closed."""
-        steps = (self._bench.shutter.close, self._bench.counter.abort, self._bench.mirror.stop)
-        for step in steps:
-            try:
-                step()
-            except DeviceError as error:
-                self._bench.report("device", str(error))

@@ -5,7 +5,6 @@ not trailing by a constant lag - it is slower than the line, or the run-up too s
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from nlos.acquisition.scanning.clocked import Settle, Stepping
 from nlos.acquisition.scanning.control import until_interrupted
 from nlos.acquisition.scanning.lag import SIGMAS, Lag, Shift, combined, shift
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
-from nlos.acquisition.scanning.sweeping import SETTLED, Lines, append_line, too_long
+from nlos.acquisition.scanning.sweeping import SETTLED, LineRefused, Lines, append_line, too_long
 from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
@@ -64,7 +63,7 @@ def trial_dwell_s(lines: Lines) -> float:
 
 
 def trial(plan: ScanPlan, lines: Lines, settle: Settle, most: int, list_mode: bool, turn: int) -> Trial:
-    """The `turn`-th sequence: as many lines as fit, spread over the plan, others every time. Raises `LimitError` for
+    """The `turn`-th sequence: as many lines as fit, spread over the plan, others every time. Raises `LineRefused` for
     lines that no sequence holds, or a plan whose lines cannot be measured."""
     firsts = _swept(lines)
     made, points, ways = Stepping([], [], [], [], 0.0, 0), list[ScanPoint](), list[Numbers]()
@@ -102,17 +101,16 @@ class TrialEnded(Exception):
 def measure(
     plan: ScanPlan,
     bench: Bench,
-    angles: Sequence[MirrorAngles],
+    lines: Lines,
     under_way: UnderWay,
 ) -> Lag | None:
-    """The lag on this bench, with a bound in steps of a line of at most `plan.within_px`; None where a pause is wanted.
-    The counter must be configured; the shutter is left to the caller to close. Raises `TrialEnded` where one of
-    the scan's alarms stands, `LimitError` where the mirror does not follow the plan's lines as closely as that, or
-    there is too little light to tell."""
+    """The lag of the plan's lines on this bench, with a bound in steps of a line of at most `plan.within_px`; None
+    where a pause is wanted. The counter must be configured; the shutter is left to the caller to close. Raises
+    `TrialEnded` where one of the scan's alarms stands, `LineRefused` where lines that lead by what was found so far
+    cannot be swept, `LimitError` where the mirror does not follow them as closely as that, or there is too little light
+    to tell."""
     within_px = plan.within_px
-    if within_px is None:
-        raise ValueError("the plan does not allow continuous lines")
-    lines = Lines(plan, angles, 0.0, bench.settings.geometry)
+    assert within_px is not None
     dwell_s = trial_dwell_s(lines)
     bench.counter.check(plan.axis, dwell_s)
     lines.lag_s = first_guess_s(lines, bench.mirror.settle_s)
@@ -208,12 +206,12 @@ def _unkept(bench: Bench, wanted: Trial, under_way: UnderWay) -> list[Sample]:
 
 
 def _swept(lines: Lines) -> list[int]:
-    """The first points of the plan's longest lines. Raises `LimitError` where they are too short to be measured, or not
-    parallel to all others."""
+    """The first points of the plan's longest lines. Raises `LineRefused` where they are too short to be measured, or
+    not parallel to all others."""
     firsts = np.unique(lines.first)
     lengths = lines.end[firsts] - firsts
     if lengths.max() < LEAST_POINTS or lengths.min() < 2:
-        raise LimitError(
+        raise LineRefused(
             "mirror",
             f"the plan's lines have {lengths.min()} to {lengths.max()} points; a lag is measured on lines of "
             f"{LEAST_POINTS} or more.",
@@ -223,7 +221,7 @@ def _swept(lines: Lines) -> list[int]:
     direction = np.arctan2(steps[:, 1], steps[:, 0])
     apart = np.abs((direction - direction[0] + np.pi / 2) % np.pi - np.pi / 2)
     if apart.max() > PARALLEL:
-        raise LimitError(
+        raise LineRefused(
             "mirror",
             "the plan's lines run in several directions; a lag is measured along one.",
             "Take `continuous` out of the scan file.",

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.preflight import drawn_aim
 from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.scanning.clocked import Settle, Stepping
-from nlos.drivers.bench_settings import GeometrySettings
+from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import WAITING_NUMBER
@@ -33,18 +33,20 @@ SETTLED = "Raise dwell_ms, scan a smaller wall, or take `continuous` out of the 
 Floats = npt.NDArray[np.float64]
 
 
+class LineRefused(LimitError):
+    """A line that this bench cannot sweep: its points can still be taken one by one."""
+
+
 class Lines:
     """The lines of a plan: which points lie evenly on one straight line, with the same dwell. Their run-ups, which
-    are lit, too, stay within what `geometry` allows."""
+    are lit, too, stay within what the bench allows and reaches. `aim`: what made the angles; `lag_s` may be set."""
 
-    def __init__(
-        self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float, geometry: GeometrySettings
-    ) -> None:
+    def __init__(self, plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], aim: Aiming) -> None:
         self.place = np.array([(each.x_rad, each.y_rad) for each in angles])  # (N, 2)
         self._on_wall_m = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)  # (N, 2)
-        self._allowed, self._aim = geometry.allowed, drawn_aim(geometry)
+        self._allowed, self._reach, self._aim = bench.settings.geometry.allowed, bench.mirror.check, aim
         self.dwell_s = plan.dwell_s
-        self.lag_s = lag_s
+        self.lag_s = 0.0
         self.first, self.end = np.empty(len(plan), dtype=np.intp), np.empty(len(plan), dtype=np.intp)
         first = 0
         while first < len(plan):
@@ -52,9 +54,19 @@ class Lines:
             self.first[first:end], self.end[first:end] = first, end
             first = end
 
+    def check(self, settle: Settle, most: int) -> None:
+        """Raises `LineRefused` where one of them cannot be swept by the lag that is set, `most` entries a sequence."""
+        firsts = np.unique(self.first)
+        ends = self.end[firsts]
+        looks = np.column_stack([self.place[firsts], self.place[ends - 1], ends - firsts, self.dwell_s[firsts]])
+        _, once = np.unique(looks, axis=0, return_index=True)  # frames have the same lines
+        for first, end in zip(firsts[once].tolist(), ends[once].tolist(), strict=True):
+            if (entries := len(self.commands(first, end, settle))) > most:
+                raise too_long(most, end - first, entries)
+
     def commands(self, first: int, end: int, settle: Settle) -> list[MirrorAngles]:
-        """What the mirror is told for the points `first` up to `end`, run-up included. Raises `LimitError` for a line
-        that it could not even jump across in its time, or whose run-up leaves what is allowed."""
+        """What the mirror is told for the points `first` up to `end`, run-up included. Raises `LineRefused` for a line
+        that it could not even jump across in its time, or whose run-up leaves what is allowed or reached."""
         return self.along(np.arange(first, end), settle)
 
     def along(self, numbers: npt.NDArray[np.intp], settle: Settle, dwell_s: float | None = None) -> list[MirrorAngles]:
@@ -63,7 +75,7 @@ class Lines:
         dwell_s = dwell_s or float(self.dwell_s[numbers[0]])
         jump_s, line_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[-1])), dwell_s * len(place)
         if jump_s > line_s:
-            raise LimitError(
+            raise LineRefused(
                 "mirror",
                 f"cannot follow a line in {line_s * 1e3:.3g} ms that takes it {jump_s * 1e3:.3g} ms in one jump.",
                 SETTLED,
@@ -73,27 +85,29 @@ class Lines:
         step_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[1]))
         run_up = math.ceil(RUN_UP * (step_s + max(self.lag_s, 0.0)) / dwell_s - 1e-9)
         way = _line(place, self.lag_s / dwell_s, run_up)
-        self._check_allowed(int(numbers[0]), way[0])
-        self._check_allowed(int(numbers[-1]), way[-1])
-        return [MirrorAngles(x, y) for x, y in way.tolist()]
+        commands = [MirrorAngles(x, y) for x, y in way.tolist()]
+        self._check(int(numbers[0]), commands[0])
+        self._check(int(numbers[-1]), commands[-1])
+        return commands
 
-    def _check_allowed(self, point: int, end: Floats) -> None:
-        """Of an end of a line, angles (2,) beyond a point of it: equal steps of the mirror are ever longer ones on the
-        wall. A mirror whose spots were measured puts the point where the plan says, and goes on as the geometry has
-        it."""
-        if self._allowed is not None:
-            x_m, y_m = self._on_wall_m[point] + self._on_wall(end) - self._on_wall(self.place[point])
-            try:
+    def _check(self, point: int, end: MirrorAngles) -> None:
+        """Of an end of a line beyond a point of it: equal steps of the mirror are ever longer ones on the wall."""
+        try:
+            self._reach(end)
+            if self._allowed is not None:
+                x_m, y_m = (
+                    self._on_wall_m[point] + self._on_wall(end.x_rad, end.y_rad) - self._on_wall(*self.place[point])
+                )
                 self._allowed.check(float(x_m), float(y_m))
-            except LimitError as error:
-                what = f"the run-up of a continuous line, which is lit: {error.what}"
-                raise LimitError(
-                    error.device, what, f"{error.remedy} Or take `continuous` out of the scan file."
-                ) from error
+        except LimitError as error:
+            what = f"the run-up of a continuous line, which is lit: {error.what}"
+            raise LineRefused(
+                error.device, what, f"{error.remedy} Or take `continuous` out of the scan file."
+            ) from error
 
-    def _on_wall(self, angles: Floats) -> Floats:
-        """x and y (2,), in metres, by the geometry that the bench file states."""
-        return np.array(self._aim.wall_points(angles[0], angles[1]))
+    def _on_wall(self, x_rad: float, y_rad: float) -> Floats:
+        """x and y (2,), in metres."""
+        return np.concatenate(self._aim.wall_points(np.array([x_rad]), np.array([y_rad])))
 
 
 def sweep(
@@ -106,8 +120,8 @@ def sweep(
 ) -> Stepping:
     """As many lines of `points` as fit `most` entries, without blanking. A line of which points are already taken is
     swept whole, so that the beam's way does not depend on what was measured. In list mode, whose clock has one period,
-    waiting takes several entries, and another dwell ends the sequence. Raises `LimitError` for a line that does not fit
-    or is too fast."""
+    waiting takes several entries, and another dwell ends the sequence. Raises `LineRefused` for a line that does not
+    fit or is too fast."""
     made = Stepping([], [], [], [], 0.0, 0)
     at = 0
     while at < len(points):
@@ -149,9 +163,9 @@ def append_line(
     )
 
 
-def too_long(most: int, points: int, entries: int) -> LimitError:
+def too_long(most: int, points: int, entries: int) -> LineRefused:
     """What to say of a line that no sequence holds."""
-    return LimitError(
+    return LineRefused(
         "mirror",
         f"holds {most} positions; a continuous line of {points} points takes {entries} with its run-up.",
         "Plan shorter lines, or take `continuous` out of the scan file.",

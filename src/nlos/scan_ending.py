@@ -47,6 +47,11 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
         return self._control.state is ScanState.ENDED and self.film is None
 
     @property
+    def scheme(self) -> str:
+        """By which the samples were taken."""
+        return self._control.scheme
+
+    @property
     def path(self) -> Path:
         return self._writer.path
 

@@ -103,7 +103,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     aim = aim_of(bench) if geometry is None else geometry
     swept = request.resume and plan.within_px is not None and target is not None
     lag = known_lag(target) if swept and target is not None else None
-    choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag)
+    choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag, aim=aim)
     if target is not None:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
     folder = Path.cwd() if target is None else target.absolute().parent

@@ -95,7 +95,7 @@ def plan(
             rates, links = _learned(like, open_bench, aim)
         elif table.settings.simulated and open_bench.simulated is not None:
             rates = ExpectedRates.of_simulation(planned, open_bench, angles)
-        choice = choose(planned, open_bench, angles, links)
+        choice = choose(planned, open_bench, angles, links, aim=aim)
         within_px = beam_within_px(planned, open_bench, angles)
         direct = expected_direct(planned, open_bench.settings, aim)
         beam = judge_beam(table.settings, aim, by_spots=measured is not None)

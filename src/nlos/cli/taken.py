@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nlos.acquisition.recording.ended_as_asked import AS_ASKED
+from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.terminal import terminal
+from nlos.drivers.bench import Bench
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest
 
@@ -44,6 +46,20 @@ class Taken:
             raise Stopped(ExitCode.INTERRUPTED, f"ended at the terminal. {self.ending.safe}")
 
 
+def listen(bench: Bench, writer: RecordingWriter, start_s: float) -> None:
+    """What happens on the bench is kept in the recording; another scheme than the one that was said is told, too."""
+    schemes = list[str]()
+
+    def happened(kind: str, text: str) -> None:
+        writer.log(kind, text, bench.clock.now() - start_s)
+        if kind == "scheme":
+            schemes.append(text)
+            if len(schemes) > 1:
+                terminal.log(f"warning: scheme {text}")
+
+    bench.on_event = happened
+
+
 def say_complete(run: Path) -> None:
     """Of a scan that is resumed although it has all its points."""
     terminal.result(f"{run}: is complete, nothing was left to take", recording=str(run), taken=0)
@@ -79,7 +95,7 @@ def _tell_taken(taken: Taken) -> None:
     terminal.result(
         f"{prepared.request.target}: {said} in {taken.duration_s:.1f} s of bench time{why}",
         recording=str(prepared.request.target), taken=points - taken.before, points=points, planned=planned,
-        bench_s=taken.duration_s, predicted_s=predicted_s, scheme=prepared.choice.scheme.value,
+        bench_s=taken.duration_s, predicted_s=predicted_s, scheme=ending.scheme or prepared.choice.scheme.value,
         status=taken.status,
         **({} if plan.frames == 1 else {"frames": (ending.film.plan if ending.film is not None else plan).frames}),
     )  # fmt: skip

@@ -20,7 +20,7 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts, end_in_order_at_sigterm
 from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
-from nlos.cli.taken import Taken, say_complete, say_ended, say_nothing_left
+from nlos.cli.taken import Taken, listen, say_complete, say_ended, say_nothing_left
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
@@ -236,7 +236,7 @@ def _acquire(
             start_s = bench.clock.now() - begun.elapsed_s  # the dark before it is no part of the scan
             progress.show()
             samples = prepared.samples(begun, control, enough, adviser, () if enough is None else enough.decided)
-            bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
+            listen(bench, writer, start_s)
             with closing(samples):
                 for sample in samples:
                     writer.write(sample)

@@ -35,7 +35,7 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
             for run in same:
                 try:
                     plan = fitted(run.scan.settings.plan(), bench)
-                    choice = choose(plan, bench, checked_angles(plan, bench, aim))
+                    choice = choose(plan, bench, checked_angles(plan, bench, aim), aim=aim)
                 except (ValueError, RuntimeError, OSError) as error:
                     error.add_note(f"in run {run.name}; no scan of the series has begun")
                     raise
