@@ -214,7 +214,7 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
         if condition.damaged:
             kept = keep_as(path, path, "damaged")
         put_in_place(fresh, path)
-    writer = RecordingWriter(path, lock, clock, acknowledged=rows)
+    writer = RecordingWriter(path, lock, clock, acknowledged=rows, taken=taken)
     if taken:
         long = "nobody knows how long: the computer's clock was set" if away is None else f"{away_s:.1f} s"
         writer.log("resumed", f"{long} after the last of it", last_s + away_s)

@@ -1,6 +1,7 @@
 """Writes a scan file (layout in `recording.py`) such that nothing that happens afterwards can take a sample away."""
 
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -31,9 +32,16 @@ class RecordingWriter:
     pauses between samples for longer than the plan does flushes first."""
 
     def __init__(
-        self, path: Path, lock: WriterLock | None = None, clock: Clock | None = None, *, acknowledged: int = 0
+        self,
+        path: Path,
+        lock: WriterLock | None = None,
+        clock: Clock | None = None,
+        *,
+        acknowledged: int = 0,
+        taken: Mapping[int, int] | None = None,
     ) -> None:
-        """Takes over a file whose first `acknowledged` rows hold samples. Use `create` or `salvage.resume` instead."""
+        """Takes over a file whose first `acknowledged` rows hold samples: of the points `taken`, with so many photons.
+        Use `create` or `salvage.resume` instead."""
         self.path = path
         self._lock = lock
         self._clock = clock or SystemClock()
@@ -44,6 +52,8 @@ class RecordingWriter:
                 lock.release()
             raise
         self.plan = self._file.plan
+        self._photons = dict(taken or {})
+        self._wants_all = self.plan.revisit_below is None and self.plan.budget is None
         self._next_s = float(self.plan.dwell_s.max(initial=0.0))  # how long the next sample may keep this one waiting
         self.acknowledged = self._on_disk = acknowledged
         self._watched = WatchedFile(path, self._file)
@@ -109,14 +119,17 @@ class RecordingWriter:
         )
         self._block[row]["crc"] = sample_crc(self._block[row].tobytes(), self._block_counts[row])
         self._filled += 1
+        if not self._wants_all:
+            self._photons[point.number] = int(histogram.counts.sum())
         if self._filled == BLOCK_SAMPLES or self._clock.now() + self._next_s - self._flushed_s >= BLOCK_S:
             self.flush()
 
     @property
     def has_all(self) -> bool:
-        """Whether it was given every sample that its plan may have, and the disk took all that was written so far; a
-        second pass may want fewer."""
-        return self._failure is None and self.acknowledged + self._filled == self.plan.most_samples
+        """Whether it was given every sample that its plan asks for, and the disk took all that was written so far."""
+        if self._wants_all:
+            return self._failure is None and self.acknowledged + self._filled == self.plan.most_samples
+        return self._failure is None and not self.plan.pending(self._photons)
 
     def flush(self) -> None:
         """Writes what was taken so far and acknowledges it: counts, then records, then their number, so that at no

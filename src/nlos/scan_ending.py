@@ -44,7 +44,12 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     @property
     def by_hand(self) -> bool:
         """Whether somebody ended the scan, be it after its last sample; a film is ended so as a rule."""
-        return self._control.state is ScanState.ENDED and self.film is None
+        return self._control.state is ScanState.ENDED and self.film is None and not self.film_is_whole
+
+    @property
+    def film_is_whole(self) -> bool:
+        """Whether a film that was to go on until it is stopped has all up to its last point, be it the last of all."""
+        return self._writer.plan.until_stopped and self.complete
 
     @property
     def scheme(self) -> str:

@@ -373,6 +373,25 @@ def test_a_film_that_is_stopped_in_its_first_frame_is_not_called_full(
     assert "--resume" in done.stderr
 
 
+def test_ctrl_c_after_the_very_last_sample_ends_a_film_as_any_other(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frames_module, "MOST_VISITS", 2 * EACH)
+    write = RecordingWriter.write
+
+    def write_and_interrupt(writer: RecordingWriter, sample: Sample) -> None:
+        write(writer, sample)
+        if sample.point.number == 2 * EACH - 1:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(RecordingWriter, "write", write_and_interrupt)
+    done = command(tmp_path, "scan", film.name, "--bench", "moving", "-o", "run.h5", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["status"], told["points"], told["frames"]) == ("complete", 2 * EACH, 2)
+    assert verify(tmp_path / "run.h5").complete
+
+
 def test_ctrl_c_while_a_film_is_opened_to_go_on_ends_it_as_any_other(
     film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

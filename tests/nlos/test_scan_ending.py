@@ -4,15 +4,17 @@ import contextlib
 import errno
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.salvage import resume, settle
 from nlos.acquisition.recording.stored_rows import StoredRows
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
@@ -108,6 +110,36 @@ def test_after_the_last_sample_a_person_changes_nothing_and_a_device_that_fails_
     with Recording.open(tmp_path / "run.h5") as recording:
         assert (recording.status, len(recording)) == (status, 16)
     assert settle(tmp_path / "run.h5", PLAN)  # nothing is left to take
+
+
+@pytest.mark.parametrize(("last", "status"), [(18, Status.COMPLETE), (17, Status.INTERRUPTED)])
+def test_a_scan_of_two_passes_ended_by_hand_is_complete_with_the_last_point_that_it_needs(
+    tmp_path: Path, last: int, status: Status
+) -> None:
+    """Three points of the first pass fell short; the second wants no others. Resumed half way, too."""
+    plan = replace(
+        PLAN, positions=PLAN.positions.take(np.tile(np.arange(16), 2)), dwell_s=np.tile(PLAN.dwell_s, 2),
+        pass_=np.repeat(np.array([0, 1], dtype=np.int32), 16), revisit_below=100,
+    )  # fmt: skip
+    photons = dict(zip(range(16), [100] * 13 + [99] * 3, strict=True)) | dict.fromkeys(range(16, 32), 1)
+    run, wanted = tmp_path / "run.h5", [*range(16), 29, 30, 31]
+    with open_bench(load("bench", "zero_latency", BenchSettings).settings) as bench:
+        for part in (wanted[:7], wanted[7 : last + 1]):
+            begun = resume(run, plan, Header())
+            assert begun.writer is not None
+            control = ScanControl()
+            ending = ScanEnding(bench, begun.writer, control, "--resume")
+            with contextlib.suppress(KeyboardInterrupt), ending:
+                for number in part:
+                    histogram = sample_of(plan, number).histogram
+                    counts = np.zeros_like(histogram.counts)
+                    counts[3] = photons[number]
+                    begun.writer.write(replace(sample_of(plan, number), histogram=replace(histogram, counts=counts)))
+                control.enter(ScanState.ENDED)
+                raise KeyboardInterrupt
+    with Recording.open(run) as recording:
+        assert (recording.status, len(recording)) == (status, last + 1)
+    assert settle(run, plan) == (status is Status.COMPLETE)
 
 
 def test_a_scan_whose_last_samples_its_disk_refused_is_not_called_complete(

@@ -252,7 +252,7 @@ def _acquire(
     except (KeyboardInterrupt, SystemExit) as error:
         if ending is None:
             raise
-        if not (ending.film is not None and ending.complete and isinstance(error, KeyboardInterrupt)):
+        if not (ending.film_is_whole and isinstance(error, KeyboardInterrupt)):
             say_ended(request, ending)
             raise
     assert writer is not None
