@@ -2,7 +2,7 @@
 
 Alarms are level-triggered: looked at before the light is switched on, at every sample and, the disk, at every block. An
 alarm that was raised clears only well on the good side of its limit, so that a value at the limit does not make it
-flutter. Samples taken under an alarm are not kept: their points are taken again.
+flutter; one that skips points judges each by itself. Samples taken under an alarm are not kept: their points are taken again.
 """
 
 import shutil
@@ -119,8 +119,9 @@ class _Level:
     def __init__(self) -> None:
         self.raised = False
 
-    def stands(self, deviation: float) -> bool:
-        self.raised = deviation > (CLEARS_AT if self.raised else 1.0)
+    def stands(self, deviation: float, each: bool) -> bool:
+        """`each`: whatever stood before is put off, and what comes now is another point."""
+        self.raised = deviation > (CLEARS_AT if self.raised and not each else 1.0)
         return self.raised
 
 
@@ -238,7 +239,8 @@ class Alarms:
             "direct": self._settings.on_direct,
             "aim": self._settings.on_aim,
         }[name]
-        return Trouble(name, text, action) if self._levels[name].stands(deviation) else None
+        stands = self._levels[name].stands(deviation, each=action is Action.SKIP)
+        return Trouble(name, text, action) if stands else None
 
     def _sync(self, sync_hz: float, live_s: float = 1.0) -> Trouble | None:
         """One pulse more or less is how the gate fell, and `LIVE_S` how its time was rounded."""

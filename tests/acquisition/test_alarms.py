@@ -45,6 +45,13 @@ def test_a_raised_alarm_clears_well_on_the_good_side_of_its_limit() -> None:
     assert seen == [False, True, True, True, False, False, True]
 
 
+def test_beside_a_point_that_is_skipped_each_is_judged_by_itself() -> None:
+    """A screw on the wall says nothing of the wall beside it."""
+    watch = alarms(on_count_rate="skip")
+    seen = [watch.judge(sample_at(round(rate * 0.01))) is not None for rate in (4e5, 6e5, 4e5, 3e5, 5.1e5, 4.9e5)]
+    assert seen == [False, True, False, False, True, False]
+
+
 @settings(max_examples=200, deadline=None)
 @given(rates=st.lists(st.floats(1e3, 1e6), min_size=1, max_size=50))
 def test_an_alarm_never_stands_below_half_its_limit_nor_rests_above_it(rates: list[float]) -> None:
