@@ -31,9 +31,9 @@ BOUNDARY_S = 5e-3
 
 @dataclass(frozen=True)
 class Links:
-    """What cables and controllers cost in time: one move commanded, one point asked for, one line of table entries
-    uploaded, one sequence begun and ended, points armed without one, one scan set up and ended. `margin`: the fraction
-    by which a whole scan may differ from the forecast."""
+    """What cables and controllers cost in time: one move commanded, one point asked for and known to be complete, one
+    line of table entries uploaded, one sequence begun and ended, points armed without one, one scan set up and ended.
+    `margin`: the fraction by which a whole scan may differ from the forecast."""
 
     move_s: float
     point_s: float
@@ -61,6 +61,8 @@ def links_of(bench: Bench) -> Links:
     """What the cables of a bench cost until recordings of it say better, and the warning time before its light."""
     settings = bench.settings
     links = Links.of_cables(settings.mirror, *exchanges_s(bench), MARGIN if settings.simulation else 0.15)
+    if bench.counter.list_mode:
+        links = replace(links, point_s=links.point_s + settings.counter.listed_point_s)
     return links if settings.arming is None else replace(links, scan_s=links.scan_s + settings.arming.delay_s)
 
 
@@ -142,12 +144,11 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Scheme S1: every point pays for its move, its settling and its questions."""
     arms = -(-len(plan) // min(bench.counter.max_points, plan.most_together))
-    counter, listing = bench.settings.counter, bench.counter.list_mode
-    begins_s, listed_s = (counter.listing_begins_s, counter.listed_point_s) if listing else (0.0, 0.0)
+    begins_s = bench.settings.counter.listing_begins_s if bench.counter.list_mode else 0.0
     return Forecast(
         dwell_s=plan.dwell_total_s,
         settle_s=float(moves_s(bench, angles).sum()),
-        links_s=len(plan) * (links.move_s + links.point_s + listed_s) + arms * links.arm_s + links.scan_s + begins_s,
+        links_s=len(plan) * (links.move_s + links.point_s) + arms * links.arm_s + links.scan_s + begins_s,
         upload_s=0.0,
         margin=links.margin,
         certain=certain_share(plan),

@@ -2,7 +2,8 @@
 
 Alarms are level-triggered: looked at before the light is switched on, at every sample and, the disk, at every block. An
 alarm that was raised clears only well on the good side of its limit, so that a value at the limit does not make it
-flutter; one that skips points judges each by itself. Samples taken under an alarm are not kept: their points are taken again.
+flutter; one that skips points judges each by itself. Samples taken under an alarm are not kept: their points are taken
+again.
 """
 
 import shutil
