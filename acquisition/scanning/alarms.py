@@ -101,11 +101,11 @@ class Trouble:
 
     @property
     def cure(self) -> str:
-        """What to do once it has ended a scan."""
-        return _CURES.get(self.name, "Fix it, then resume with --resume.")
+        """What to do once it has ended a scan; what resumes it says who knows of its recording."""
+        return _CURES.get(self.name, "Fix it.")
 
 
-_ANEW = "changed, start a new recording with -o; only a scan that is the same as before is resumed with --resume."
+_ANEW = "changed, it is another scan: start a new recording with -o."
 _CURES = {
     "direct": f"Fix it. With the scan file, or the constants that aim the scan, {_ANEW}",
     "aim": f"Fix it. With the constants that aim the scan {_ANEW}",

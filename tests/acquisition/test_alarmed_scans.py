@@ -35,7 +35,7 @@ def test_an_aborting_alarm_ends_the_scan_with_the_light_off(bench_settings: Benc
     control, events = ScanControl(), []
     with open_bench(bench_settings()) as bench:
         bench.on_event = lambda kind, text: events.append(kind)
-        with pytest.raises(AlarmRaised, match=r"pile-up.*--resume"):
+        with pytest.raises(AlarmRaised, match=r"pile-up.*Fix it"):
             list(scan(small_plan(), bench, control=control, alarms=alarms(pile_up=1e-4)))
         assert not light(bench)
         bench.shutter.check_trip()  # it is no trip, which somebody has to clear by name

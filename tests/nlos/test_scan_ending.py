@@ -17,6 +17,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import resume, settle
 from nlos.acquisition.recording.stored_rows import StoredRows
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Trouble
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
@@ -140,6 +141,17 @@ def test_a_scan_of_two_passes_ended_by_hand_is_complete_with_the_last_point_that
     with Recording.open(run) as recording:
         assert (recording.status, len(recording)) == (status, last + 1)
     assert settle(run, plan) == (status is Status.COMPLETE)
+
+
+@pytest.mark.parametrize("name", ["sync", "count rate", "full bin", "direct", "aim"])
+def test_what_an_alarm_ended_is_told_to_be_resumed_once(tmp_path: Path, name: str) -> None:
+    alarm = Trouble(name, "too much", Action.ABORT)
+    said = AlarmRaised("alarm", "Too much.", alarm.cure)
+    with an_ending(tmp_path / "run.h5") as (ending, writer, _), contextlib.suppress(AlarmRaised), ending:
+        writer.write(sample_of(PLAN, 0))
+        raise said
+    assert str(said).lower().count("resume") == 1
+    assert "`--resume` takes the others." in str(said)
 
 
 def test_a_scan_whose_last_samples_its_disk_refused_is_not_called_complete(
