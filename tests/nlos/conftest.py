@@ -115,7 +115,7 @@ class Viewer:
 
 
 @contextmanager
-def _viewing(folder: Path, *words: str, ends: int | None = 0) -> Iterator[Viewer]:
+def _viewing(folder: Path, *words: str, ends: int | None = 130) -> Iterator[Viewer]:
     errors = folder / "viewer.log"
     with errors.open("w") as log:
         process = subprocess.Popen(
@@ -136,7 +136,7 @@ def _viewing(folder: Path, *words: str, ends: int | None = 0) -> Iterator[Viewer
 def viewing(tmp_path: Path) -> Callable[..., AbstractContextManager[Viewer]]:
     """`nlos live WORDS` in the fresh folder, ended by Ctrl-C with exit code `ends`; None: it ends by itself."""
 
-    def view(*words: str, ends: int | None = 0) -> AbstractContextManager[Viewer]:
+    def view(*words: str, ends: int | None = 130) -> AbstractContextManager[Viewer]:
         return _viewing(tmp_path, *words, ends=ends)
 
     return view

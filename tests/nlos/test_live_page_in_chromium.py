@@ -59,7 +59,7 @@ def folder() -> Iterator[Path]:
 
 
 @contextmanager
-def viewed(folder: Path, *words: str, ends: int | None = 0) -> Iterator[str]:
+def viewed(folder: Path, *words: str, ends: int | None = 130) -> Iterator[str]:
     """The address of the page of `nlos live WORDS`, ended by Ctrl-C; None: killed."""
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", "live", *words],
@@ -347,7 +347,7 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     page.wait_for_selector("#slider", state="visible")
     assert complaints == []
     process.send_signal(signal.SIGINT)
-    assert process.wait(240) == 0
+    assert process.wait(240) == 130
     shows(page, "status", r"^No answer")
     shows(page, "banner", r"The viewer has ended")
     page.wait_for_timeout(300)  # nothing is asked any more: the banner alone has made everything another size

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -97,6 +97,25 @@ def ignore_interrupts() -> None:
     """From now on the process is ending, and says what it has to say. Does nothing in another program's process."""
     if _watched:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def served_until_told(stop: Callable[[], object]) -> Iterator[None]:
+    """SIGINT and SIGTERM call `stop` until the block ends in order; then they end the command, with 130 or 143."""
+    told = list[int]()
+
+    def ended(number: int, frame: FrameType | None) -> None:
+        told.append(number)
+        stop()
+
+    previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if told:
+        raise KeyboardInterrupt if told[0] == signal.SIGINT else SystemExit(_BY_SIGNAL + told[0])
 
 
 class Interrupts:

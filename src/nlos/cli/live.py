@@ -2,12 +2,11 @@
 
 import os
 import secrets
-import signal
 import socket
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
@@ -19,6 +18,7 @@ from nlos.bench_constants import NONE
 from nlos.calibration.checked import load_checked
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
+from nlos.cli.interrupts import served_until_told
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
@@ -90,9 +90,6 @@ def live(
     server = WebServer(door, page, page.nothing_new)
     taken_up = TakenUp(scans, page, ENDS_S)
 
-    def ended(number: int, frame: FrameType | None) -> None:
-        server.stop()
-
     def end_when_idle() -> None:
         while not all(scan.failed for scan in scans):
             taken_up.look()
@@ -102,33 +99,31 @@ def live(
             time.sleep(0.5)
         server.stop()
 
-    previous = {}
-    try:
-        if before and (seen := picture_before(runs[0], before, scans[0].lives[-1], constants, wanted)) is not None:
-            assert state is not None
-            write_state(state, seen)
-        for scan in scans:
-            scan.start()
-        awaited = [] if inherited else [scan.run for scan in scans if not scan.begun()]
-        previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
-        if not inherited:
-            url = f"http://127.0.0.1:{number}/{token}/"
-            terminal.result(url, url=url)
-        for run in awaited:
-            terminal.log(f"waiting for {run}" + (f". {meant}" if (meant := meant_by(run)) else ""))
-        threading.Thread(target=end_when_idle, daemon=True).start()
-        server.run()
-    finally:
-        page.stop(ENDS_S)
-        for scan in scans:
-            scan.stop(ENDS_S)
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-        if state is not None:
-            state.unlink(missing_ok=True)
-    failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
-    if failed is not None:
-        raise failed
+    with ExitStack() as until_told:
+        try:
+            if before and (seen := picture_before(runs[0], before, scans[0].lives[-1], constants, wanted)) is not None:
+                assert state is not None
+                write_state(state, seen)
+            for scan in scans:
+                scan.start()
+            awaited = [] if inherited else [scan.run for scan in scans if not scan.begun()]
+            until_told.enter_context(served_until_told(server.stop))
+            if not inherited:
+                url = f"http://127.0.0.1:{number}/{token}/"
+                terminal.result(url, url=url)
+            for run in awaited:
+                terminal.log(f"waiting for {run}" + (f". {meant}" if (meant := meant_by(run)) else ""))
+            threading.Thread(target=end_when_idle, daemon=True).start()
+            server.run()
+        finally:
+            page.stop(ENDS_S)
+            for scan in scans:
+                scan.stop(ENDS_S)
+            if state is not None:
+                state.unlink(missing_ok=True)
+        failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
+        if failed is not None:
+            raise failed
 
 
 def _refuse_too_many(runs: list[Path]) -> None:

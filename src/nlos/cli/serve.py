@@ -1,10 +1,8 @@
 """`nlos serve`: a recording's samples to another machine, for whoever holds its ticket."""
 
-import signal
 import threading
 import time
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,6 +10,7 @@ import typer
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.interrupts import served_until_told
 from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 
@@ -41,23 +40,17 @@ def serve(
     except AddressTaken as error:
         raise UsageError(f"--host {host} --port {port}: {error}. Choose another --port.") from error
     stop = threading.Event()
-
-    def ended(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
     ticket = run.with_suffix(".ticket")
     idle = _Idle(server, run, idle_s)
-    try:
-        server.ticket.save(ticket)
-        terminal.result(f"{ticket}: {server.ticket.address}", ticket=str(ticket), address=server.ticket.address)
-        server.serve(lambda: not (stop.is_set() or idle()))
-    finally:
-        server.close()
-        server.ticket.withdraw(ticket)
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-    terminal.log(f"{run}: {server.answers} requests answered")
+    with served_until_told(stop.set):
+        try:
+            server.ticket.save(ticket)
+            terminal.result(f"{ticket}: {server.ticket.address}", ticket=str(ticket), address=server.ticket.address)
+            server.serve(lambda: not (stop.is_set() or idle()))
+        finally:
+            server.close()
+            server.ticket.withdraw(ticket)
+        terminal.log(f"{run}: {server.answers} requests answered")
 
 
 class _Idle:

@@ -3,15 +3,14 @@
 import os
 import re
 import secrets
-import signal
 import socket
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.interrupts import served_until_told
 from nlos.cli.terminal import terminal
 from nlos.live.web import WebServer
 from nlos.run_defaults import data_folder
@@ -50,14 +49,7 @@ def status(
     names = {host, socket.gethostname(), "127.0.0.1", "localhost"}
     server = WebServer(door, StatusPage(where, word, {f"{name}:{number}" for name in names}))
 
-    def ended(number: int, frame: FrameType | None) -> None:
-        server.stop()
-
-    previous = {each: signal.signal(each, ended) for each in (signal.SIGINT, signal.SIGTERM)}
-    url = f"http://{host}:{number}/{word}/"
-    terminal.result(url, url=url)
-    try:
+    with served_until_told(server.stop):
+        url = f"http://{host}:{number}/{word}/"
+        terminal.result(url, url=url)
         server.run()
-    finally:
-        for each, handler in previous.items():
-            signal.signal(each, handler)
