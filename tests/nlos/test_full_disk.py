@@ -1,5 +1,6 @@
 """A disk that is full ends what was to be written there, in words and by exit code 6, and never the process."""
 
+import errno
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
+from nlos.live.scan import LiveScan
+from nlos.recon.live import LivePicture, LiveReconstruction
 from tests.command import nlos
 
 resource = pytest.importorskip("resource", reason="Windows limits no process's files")
@@ -70,6 +73,32 @@ def test_reconstruct_says_that_the_disk_is_full(tmp_path: Path, run: Path) -> No
     assert done.returncode == 6, done.stderr
     assert "reconstruction.h5" in done.stderr.splitlines()[-1]
     assert not (tmp_path / "made").exists()
+
+
+def test_a_follower_says_that_the_disk_is_full(tmp_path: Path, run: Path) -> None:
+    done = limited(tmp_path, "-m", "nlos", "reconstruct", str(run), "--follow", "-o", "made")
+    assert done.returncode == 6, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("nlos: made/reconstruction.h5: cannot be written (File too large)")
+    assert "bug" not in done.stderr
+
+
+def test_a_disk_that_takes_one_picture_again_ends_no_page_and_no_follower(run: Path) -> None:
+    """Pictures go on; what is said at the end is of the newest."""
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def refuse(picture: LivePicture) -> None:
+        raise full
+
+    watched = LiveScan(run, [LiveReconstruction("lct")], on_picture=refuse, on_explained=lambda picture: None)
+    watched.start()
+    watched.wait()
+    assert (watched.over, watched.broke_off, watched.pictures) == (True, False, 1)
+    watched = LiveScan(run, [LiveReconstruction("lct")], on_picture=lambda picture: None, on_explained=refuse)
+    watched.start()
+    with pytest.raises(OSError, match="No space left"):
+        watched.wait()
+    assert (watched.over, watched.broke_off, watched.pictures) == (True, False, 1)
+    assert "No space left" in watched.message
 
 
 def test_an_archive_says_for_which_files_the_disk_was_full(tmp_path: Path, run: Path) -> None:

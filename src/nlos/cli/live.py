@@ -36,6 +36,7 @@ MOST_RUNS = 4
 FIRST = 0.09
 """Of the points: with these the first picture begins, so that it is there soon after a tenth of them; files come in
 blocks."""
+LOOK_S = 0.02
 ENDS_S = 15.0
 """How long a picture that is being made may take once the viewer is to end."""
 
@@ -106,7 +107,7 @@ def live(
                 write_state(state, seen)
             for scan in scans:
                 scan.start()
-            awaited = [] if inherited else [scan.run for scan in scans if not scan.begun()]
+            awaited = [] if inherited else [scan.run for scan in scans if not _begun(scan)]
             until_told.enter_context(served_until_told(server.stop))
             if not inherited:
                 url = f"http://127.0.0.1:{number}/{token}/"
@@ -124,6 +125,18 @@ def live(
         failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
         if failed is not None:
             raise failed
+
+
+def _begun(scan: LiveScan) -> bool:
+    """Waits until a recording that is there was opened. False while there is none yet; raises what is wrong with one
+    that cannot be followed."""
+    while scan.seen is None:
+        if scan.error is not None:
+            raise scan.error
+        if not scan.run.exists():
+            return False
+        time.sleep(LOOK_S)
+    return True
 
 
 def _refuse_too_many(runs: list[Path]) -> None:

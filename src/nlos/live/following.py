@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.cli.terminal import terminal
 from nlos.live.scan import LiveScan
 from nlos.recipe import Recipe
@@ -76,7 +77,7 @@ def follow_to_folder(
 
 def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
     """reconstruction.h5, written beside and put in place: no reader meets half a file, or waits for drawing."""
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh, told_of(folder, Path(fresh)):
         data = Path(fresh) / NAMES[0]
         write_reconstruction(data, reconstruction, keep_volume)
         data.replace(folder / data.name)
@@ -94,7 +95,7 @@ def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) ->
         draw.append((slices_picture, "slices.png"))
     if result.intervals is not None:
         draw.append((uncertainty_picture, "uncertainty.png"))
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh, told_of(folder, Path(fresh)):
         for drawn, name in counted(draw, len(draw), "pictures"):
             drawn(result, Path(fresh) / name)
         confidence_picture(replace(result, confidence=picture.confidence), Path(fresh) / "confidence.png")

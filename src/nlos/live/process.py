@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from nlos.acquisition.recording.disk_refusal import told_of
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.recon.methods import PLAIN, catalogue, find, torch_is_installed
@@ -106,7 +107,8 @@ def state_file(run: Path) -> Path:
 
 
 def write_state(path: Path, picture: "LivePicture") -> None:
-    """Replaces the file at once, so that a reader meets whole figures only."""
+    """Replaces the file at once, so that a reader meets whole figures only. Raises `StorageError` where the disk does
+    not take it."""
     import numpy as np
 
     from nlos.recon.wall_doubt import wanted_on_wall
@@ -115,8 +117,12 @@ def write_state(path: Path, picture: "LivePicture") -> None:
     figures = {"change": picture.change, "error": picture.error, "bound": picture.bound}
     wanted = wanted_on_wall(picture.reconstruction)
     maps = {} if wanted is None else {name: np.round(each, 4).tolist() for name, each in vars(wanted).items()}
-    fresh.write_text(json.dumps({"samples": picture.samples, **figures, "wanted": maps}))
-    fresh.replace(path)
+    try:
+        with told_of(path, fresh):
+            fresh.write_text(json.dumps({"samples": picture.samples, **figures, "wanted": maps}))
+            fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
 
 
 def read_state(path: Path) -> dict[str, Any]:

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 Tell = Callable[["LivePicture"], None]
 
-LOOK_S = 0.02
-
 
 @dataclass
 class LiveScan:
@@ -81,6 +79,8 @@ class LiveScan:
     """Why the scan could not be followed to its end."""
     no_picture: Exception | None = None
     """Why the newest samples have none."""
+    not_kept: OSError | None = None
+    """Why the newest picture could not be told: a disk that is full, say. The next one may be."""
 
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
@@ -109,17 +109,6 @@ class LiveScan:
         """Nothing could be followed: there is nothing to show, and there will not be."""
         return self.error is not None and self.gathered is None
 
-    def begun(self) -> bool:
-        """Waits until a recording that is there was opened. False while there is none yet; raises what is wrong with
-        one that cannot be followed."""
-        while self.seen is None:
-            if self.error is not None:
-                raise self.error
-            if not self.run.exists():
-                return False
-            time.sleep(LOOK_S)
-        return True
-
     def stop(self, wait_s: float = 0.0) -> None:
         """Ends both threads after what they are at, and waits for that."""
         self._stopped.set()
@@ -131,8 +120,9 @@ class LiveScan:
         """Returns when the last picture is made. Raises what kept the scan from being followed to its end."""
         while not self._ended.wait(0.5):
             pass
-        if self.error is not None:
-            raise self.error
+        for why in (self.error, self.not_kept):
+            if why is not None:
+                raise why
         if not (self.over or self._stopped.is_set()):
             raise ReconstructionFailed(f"{self.run}: the pictures stopped early, see above. The samples are complete.")
 
@@ -292,8 +282,14 @@ class LiveScan:
 
     def _show(self, live: "LiveReconstruction", picture: "LivePicture", tell: Tell | None) -> None:
         self.latest = {**self.latest, live.method: picture}
-        if tell is not None and live is self.lives[-1]:
+        if tell is None or live is not self.lives[-1]:
+            return
+        try:
             tell(picture)
+            self.not_kept = None
+        except OSError as error:
+            self.not_kept = error
+            self._say(str(error))
 
     def _say(self, message: str) -> None:
         self.message = message
