@@ -19,7 +19,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlos.live.web import MOST_CONNECTIONS, Refused, parse
+from nlos.live import web
+from nlos.live.web import MOST_CONNECTIONS, Answer, Refused, parse
+from tests.nlos.test_waiting_answers import served
 from tests.scan_texts import COARSE_TO_FINE
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -95,6 +97,39 @@ def test_no_bytes_are_taken_for_another_request(head: bytes) -> None:
 )
 def test_who_reads_to_the_end_of_an_answer_is_given_one(version: str, line: str, more: bool) -> None:
     assert parse(f"GET /token/state HTTP/{version}\r\n{line}".encode()).more == more
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "Cookie: name=Zürich",
+        "X-Forwarded-For: 10.0.0.1\r\nX-Forwarded-For: 10.0.0.2\r\nVia: 1.1 a\r\nVia: 1.1 b",
+        "Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\nHTTP2-Settings: AAMAAABkAAQ",
+    ],
+    ids=["letters", "proxies", "upgrade"],
+)
+def test_what_a_browser_or_a_proxy_adds_is_passed_over(lines: str) -> None:
+    request = parse(f"GET /token/state?made=1 HTTP/1.1\r\nHost: here:1\r\n{lines}".encode())
+    assert (request.path, request.query, request.host) == ("/token/state", {"made": "1"}, "here:1")
+
+
+@pytest.mark.parametrize("twice", ["Host: here:1", "host: elsewhere", "Content-Length: 0\r\nContent-Length: 5"])
+def test_what_decides_about_a_question_is_said_once(twice: str) -> None:
+    with pytest.raises(Refused):
+        parse(f"GET /token/state HTTP/1.1\r\nHost: here:1\r\n{twice}".encode())
+    with pytest.raises(Refused):
+        parse("GET /tokén/state HTTP/1.1\r\nHost: here:1".encode())
+
+
+def test_the_cookies_of_many_other_pages_fit_and_more_are_told_apart() -> None:
+    with served(lambda request: False, lambda request: Answer(b"here")) as url:
+        there = urlsplit(url)
+        for letters, status, said in ((20_000, b"200 OK", b"here"), (web.HEAD_BYTES, b"431 ", b"private window")):
+            cookies = b"Cookie: " + b"c" * letters
+            answer = sent(there.port or 0, b"GET / HTTP/1.1\r\nConnection: close\r\n" + cookies + b"\r\n\r\n")
+            assert answer.startswith(b"HTTP/1.1 " + status)
+            assert said in answer
+        assert b"\r\nAllow: GET\r\n" in sent(there.port or 0, b"HEAD / HTTP/1.1\r\n\r\n")
 
 
 def open_files(pid: int) -> int:

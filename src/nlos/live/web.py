@@ -18,7 +18,8 @@ MOST_CONNECTIONS = 256
 YOUNG_S = 0.25
 """A connection younger than this does not give way to another."""
 THREADS = 3
-HEAD_BYTES = 8192
+HEAD_BYTES = 1 << 15
+"""A browser sends the cookies of every page of this machine, whatever their ports: notebooks leave many."""
 HEAD_S = 10.0
 """How long a connection may take to ask (again)."""
 WAIT_S = 0.25
@@ -31,6 +32,12 @@ _ELSEWHERE = (
     b'{"message": "refused: use the whole address that the command printed, with its last /. A proxy before it has to '
     b'pass on that name and port as Host."}'
 )
+_TOO_LONG = (
+    b'{"message": "refused: more than 32 KiB before the question. Delete the cookies that other pages of this machine '
+    b'have left, or open the page in a private window."}'
+)
+_ONCE = ("host", "content-length")
+"""What may not be said twice; chains of proxies repeat others."""
 _REASONS = {200: "OK", 400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
             431: "Request Header Fields Too Large"}  # fmt: skip
 
@@ -67,19 +74,19 @@ class Refused(Exception):
 def parse(head: bytes) -> Request:
     """The request of an HTTP/1 head. Raises `Refused` for anything but a plain GET without a body."""
     try:
-        first, *lines = head.decode("ascii").split("\r\n")
+        first, *lines = head.decode("latin-1").split("\r\n")  # a cookie or a person's name may be no ASCII
         method, target, version = first.split(" ")
-        fields = dict(line.split(":", 1) for line in lines if line)
+        fields = [line.split(":", 1) for line in lines if line]
+        known = {name.lower(): value.strip() for name, value in fields}
     except ValueError as error:
         raise Refused(400) from error
-    if version not in ("HTTP/1.1", "HTTP/1.0") or not target.startswith("/"):
+    if version not in ("HTTP/1.1", "HTTP/1.0") or not target.startswith("/") or not target.isascii():
         raise Refused(400)
-    known = {name.lower(): value.strip() for name, value in fields.items()}
     if method != "GET":
         raise Refused(405)
-    if len(known) != len([line for line in lines if line]) or known.get("content-length", "0") != "0":
+    if any(sum(name.lower() == once for name, _ in fields) > 1 for once in _ONCE):
         raise Refused(400)
-    if "transfer-encoding" in known or "upgrade" in known:
+    if "transfer-encoding" in known or known.get("content-length", "0") != "0":
         raise Refused(400)
     try:
         there = urlsplit(target)
@@ -137,7 +144,7 @@ class WebServer:
                 self._open.pop(writer, None)
                 more = await self._serve(head, writer)
         except asyncio.LimitOverrunError:
-            await self._send(writer, Answer(b'{"message": "refused"}', 431), False)
+            await self._send(writer, Answer(_TOO_LONG, 431), False)
         except (TimeoutError, OSError, asyncio.IncompleteReadError):
             pass
         finally:
@@ -164,7 +171,8 @@ class WebServer:
                 await asyncio.sleep(NEWS_S)
             answer = await asyncio.get_running_loop().run_in_executor(self._threads, self._answer, request)
         except Refused as refused:
-            answer = Answer(_ELSEWHERE if refused.status == 403 else b'{"message": "refused"}', refused.status)
+            said = _ELSEWHERE if refused.status == 403 else b'{"message": "refused"}'
+            answer = Answer(said, refused.status, headers={"Allow": "GET"} if refused.status == 405 else {})
         kept = more and answer.status in (200, 404)
         await self._send(writer, answer, kept)
         return kept
