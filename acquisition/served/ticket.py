@@ -8,13 +8,14 @@ import json
 import os
 import secrets
 import struct
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import zmq
 from zmq.utils import z85
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.magic import check_is_file, read_bytes
 from nlos.acquisition.served.address import check_endpoint
 
@@ -37,7 +38,7 @@ class Ticket:
     def save(self, path: Path) -> None:
         """Puts a file in place that only its owner can read; an earlier ticket there is replaced.
 
-        Raises `FileExistsError` where something else lies there.
+        Raises `FileExistsError` where something else lies there, `StorageError` where the disk does not take it.
         """
         if os.path.lexists(path):
             try:
@@ -51,8 +52,14 @@ class Ticket:
             with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
                 json.dump({"nlos": "ticket", **asdict(self), _CHECK: self._check()}, file, indent=1)
             fresh.replace(path)
+        except OSError as error:
+            raise StorageError(
+                f"{path}: cannot be written ({error.strerror}). It lies beside the recording: make room there, or "
+                "serve a link to it that lies where there is some."
+            ) from error
         finally:
-            fresh.unlink(missing_ok=True)
+            with suppress(OSError):
+                fresh.unlink(missing_ok=True)
 
     def withdraw(self, path: Path) -> None:
         """Removes the file at `path` if it is this ticket: another server may have put its own there since."""

@@ -264,6 +264,12 @@ def test_a_ticket_is_read_as_it_was_saved(address: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run.ticket"]
 
 
+def test_a_ticket_that_no_disk_takes_is_told_by_its_name(tmp_path: Path) -> None:
+    ticket = Ticket(**{key: value for key, value in GOOD.items() if key != "nlos"})
+    with pytest.raises(StorageError, match=r"run\.ticket: cannot be written \(No such file or directory\)"):
+        ticket.save(tmp_path / "gone" / "run.ticket")
+
+
 def test_a_server_removes_its_own_ticket_only(tmp_path: Path) -> None:
     run, path = write(tmp_path / "run.h5", 10), tmp_path / "run.ticket"
     with serving(run) as first, serving(run) as second:

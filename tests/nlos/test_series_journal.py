@@ -83,6 +83,20 @@ def test_a_journal_that_the_disk_does_not_take_is_said_and_ends_nothing(
     assert journal.outcome("1-hat") == DONE  # for as long as the program runs
 
 
+def test_a_plan_for_which_there_is_no_room_is_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(path: Path, text: str, encoding: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    Journal(tmp_path).plan({"1-hat": 1.0})
+    said = capsys.readouterr().err
+    assert f"{PLAN}: cannot be written (No space left on device)" in said
+    assert said.count("cannot be written") == 1
+    assert "with -o" not in said  # a queue has none
+
+
 def test_a_plan_is_in_the_order_of_the_runs_and_none_where_it_is_none(tmp_path: Path) -> None:
     Journal(tmp_path).plan({"2-cap": 3.5, "1-hat": 0.0})
     assert list(planned(tmp_path).items()) == [("2-cap", 3.5), ("1-hat", 0.0)]

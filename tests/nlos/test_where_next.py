@@ -112,7 +112,8 @@ def test_places_lie_denser_where_intervals_are_wide(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "written",
     ["", "{", "[]", '{"wanted": 3}', '{"wanted": {"new": [[1]], "again": [[1]]}}', '{"wanted": {"new": "x"}}',
-     json.dumps({"wanted": {"new": [[-1.0] * 32] * 32, "again": [[1.0] * 32] * 32}})],
+     json.dumps({"wanted": {"new": [[-1.0] * 32] * 32, "again": [[1.0] * 32] * 32}}),
+     json.dumps({"wanted": {"new": [[1.0] * 32] * 32, "again": [[float("inf")] * 32] * 32}})],
 )  # fmt: skip
 def test_a_viewer_that_says_nothing_that_makes_sense_changes_nothing(tmp_path: Path, written: str) -> None:
     plan, run = plan_of(), tmp_path / "run.h5"
@@ -122,19 +123,58 @@ def test_a_viewer_that_says_nothing_that_makes_sense_changes_nothing(tmp_path: P
     assert advice.why.startswith("spread evenly: ")
 
 
-class Sees:
-    """Pictures that ask for second looks at one row."""
+def test_a_viewer_that_falls_silent_leaves_what_it_said_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nlos.live.where_next.AGAIN_S", 0.0)
+    plan, run = plan_of(), tmp_path / "run.h5"
+    even = np.ones((32, 32)).tolist()
+    state_file(run).write_text(json.dumps({"wanted": {"new": even, "again": even}}))
+    adviser = fed(plan, 20_000.0, adviser=WhereNext(plan, watched=run))
+    for said in ("as it is", "{", None):
+        if said == "{":
+            state_file(run).write_text(said)
+        elif said is None:
+            state_file(run).unlink()
+        advice = adviser.advise(range(32), plan.left_us(range(32)))
+        assert advice is not None
+        assert advice.why.startswith("where intervals are wide: "), said
 
-    def __init__(self, again: np.ndarray) -> None:
-        self.again = again
+
+def test_nothing_is_advised_that_the_time_left_does_not_hold() -> None:
+    plan = plan_of()
+    adviser = fed(plan, 20_000.0)
+    shortest_us = round(float(plan.dwell_s.min()) * 1e6)
+    assert adviser.advise(range(32), shortest_us - 1) is None
+    assert adviser.advise(range(32), 2 * shortest_us + 100_000) is not None
+
+
+class Sees:
+    """Pictures, whose map a test gives; how often one was asked for."""
+
+    reconstruction = None
+
+    def __init__(self, none: bool = False) -> None:
+        self.none, self.asked = none, 0
 
     def add(self, sample: Sample) -> None: ...
 
-    def picture(self, kind: str) -> "Sees":
-        self.kind = kind
-        return self
+    def picture(self, kind: str) -> "Sees | None":
+        self.asked += 1
+        return None if self.none else self
 
-    reconstruction = None
+
+def test_a_picture_is_made_once_at_its_time_and_where_enough_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, sees, even = plan_of(seconds=34.0), Sees(), np.ones((32, 32), dtype=np.float32)
+    monkeypatch.setattr("nlos.live.where_next.wanted_on_wall", lambda made: Wanted(even, even))
+    adviser = fed(plan, 20_000.0, adviser=WhereNext(plan, sees))  # type: ignore[arg-type]
+    for left_s, pictures in ((21.0, 0), (19.0, 0), (20.2, 1), (20.1, 1)):
+        assert adviser.advise(range(32), round(left_s * 1e6)) is not None
+        assert sees.asked == pictures, left_s
+
+
+def test_second_looks_are_not_advised_without_a_picture() -> None:
+    plan = plan_of(side=16, exposure={"kind": "second_look", "again_ms": 8, "share": 0.125}, pattern="serpentine")
+    adviser = fed(plan, 20_000.0, 256, WhereNext(plan, Sees(none=True)))  # type: ignore[arg-type]
+    assert adviser.advise(range(256), plan.left_us(range(256))) is None
 
 
 def test_second_looks_go_where_intervals_are_wide_once_everything_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,12 +183,16 @@ def test_second_looks_go_where_intervals_are_wide_once_everything_was_seen(monke
     again = np.full((16, 16), 0.1, dtype=np.float32)
     again[5] = 10.0
     monkeypatch.setattr("nlos.live.where_next.wanted_on_wall", lambda made: Wanted(again.T, again))
-    adviser = fed(plan, 20_000.0, 256, WhereNext(plan, Sees(again)))  # type: ignore[arg-type]
+    adviser = fed(plan, 20_000.0, 256, WhereNext(plan, Sees()))  # type: ignore[arg-type]
     advice = adviser.advise(range(256), plan.left_us(range(256)))
     assert advice is not None
     assert advice.why == "where intervals are wide: a second visit"
     assert all(plan[number].pass_ == 1 for number in advice.numbers)
     assert sum(plan[number].row == 5 for number in advice.numbers) == 16  # of 32: all of that row
+    taken = [*range(256), *advice.numbers]
+    later = adviser.advise(taken, plan.left_us(range(256)))
+    assert later is not None
+    assert not set(taken) & set(later.numbers)
 
 
 def why(path: Path) -> list[Reason]:

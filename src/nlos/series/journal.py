@@ -63,7 +63,8 @@ class Journal:
             with whole_file(self.path.with_name(PLAN)) as partial:
                 partial.write_text(json.dumps(dict(expected_s)), encoding="utf-8")
         except OSError as error:
-            terminal.log(f"warning: {self.path.with_name(PLAN)}: cannot be written ({error.strerror or error})")
+            why = error.__cause__ if isinstance(error.__cause__, OSError) else error
+            terminal.log(f"warning: {self.path.with_name(PLAN)}: cannot be written ({why.strerror or why})")
 
     def _torn(self) -> bool:
         """Whether the last line was cut short."""
