@@ -1,6 +1,7 @@
 """The pages that are files - reports, runs, archives, examinations - on a narrow screen, on paper, without a script."""
 
 from collections.abc import Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -142,3 +143,20 @@ def test_a_report_shows_its_points_in_space_without_a_script(report: Path, brows
     assert page.locator(".still img").is_visible()
     assert page.locator("iframe").is_hidden()
     context.close()
+
+
+def sent(file: Path, headers: dict[str, str], route: Any) -> None:
+    route.fulfill(path=file, headers=headers)
+
+
+def test_a_view_in_space_says_why_it_is_empty_where_scripts_are_kept_from_running(report: Path, browser: Any) -> None:
+    """By a policy of whoever sends a page: its scripts then count as running, and no noscript is shown."""
+    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+    for headers, drawn in (({}, True), ({"Content-Security-Policy": policy}, False)):
+        page = browser.new_page()
+        page.route("**/*", partial(sent, report, headers))
+        page.goto("http://sent.example/run.html")
+        view = page.frame_locator("iframe")
+        playwright.expect(view.get_by_text("drawn by a script")).to_be_visible(visible=not drawn)
+        playwright.expect(view.get_by_role("button", name="Save as PNG")).to_be_visible(visible=drawn)
+        page.close()
