@@ -253,10 +253,10 @@ def _wall_size(stored: StoredArrays) -> tuple[float, float] | None:
 
 
 def _flag(stored: StoredArrays, key: str, default: bool) -> bool:
-    value = _number(stored, key, float(default))
-    if value not in (0, 1):
-        raise InvalidData(f"{stored.name}: {key} is {value:g}; true or false, 1 or 0 is expected")
-    return bool(value)
+    value = stored.beside.get(key, np.asarray(default))
+    if value.size != 1 or value.dtype.kind not in "uifb" or value.reshape(()) not in (0, 1):
+        raise InvalidData(f"{stored.name}: {key} is {_shown(value.squeeze())}; true or false, 1 or 0 is expected")
+    return bool(value.reshape(()))
 
 
 def _number(stored: StoredArrays, key: str, default: float | None = None, option: str | None = None) -> float:

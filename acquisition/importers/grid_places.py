@@ -100,7 +100,7 @@ def _line(
     places = values.astype(np.float64) if values.dtype.kind in "uif" else np.full(values.shape, np.nan)
     if not np.isfinite(places).all():
         raise InvalidData(f"{name}: {key}: holds values that are no finite numbers of metres")
-    if places.shape == shape and 1 not in shape:
+    if places.shape == shape:
         line = places.mean(axis=1 - axis)
         if np.abs(places - np.expand_dims(line, 1 - axis)).max() > _UNEVEN * max(float(np.ptp(line)), 1e-9) / count:
             raise InvalidData(

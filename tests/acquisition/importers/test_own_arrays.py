@@ -115,6 +115,20 @@ def test_arrays_are_rectified_unless_they_say_otherwise(suffix: str, tmp_path: P
     assert read(tmp_path, suffix, {**WHOLE, "rectified": 0}, rectified=True).rectified
     with pytest.raises(InvalidData, match="rectified is 2; true or false"):
         read(tmp_path, suffix, {**WHOLE, "rectified": 2})
+    if suffix in (".h5", ".npz"):
+        with pytest.raises(InvalidData, match="rectified is 'true'; true or false, 1 or 0"):
+            read(tmp_path, suffix, {**WHOLE, "rectified": "true"})
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_line_of_points_may_say_where_each_is(suffix: str, tmp_path: Path) -> None:
+    """As NumPy's meshgrid makes it, of one row and of one column; clicks alone, too, are counts."""
+    for lines in (np.s_[:1], np.s_[:, :1]):
+        x_m, y_m = (each[lines] for each in np.meshgrid(X_M, Y_M))
+        counts = COUNTS[lines] > 0
+        line = read(tmp_path, suffix, {**WHOLE, "histograms": counts, "wall_size_m": (1, 1), "x_m": x_m, "y_m": y_m} |
+                    ({"wall_size_m": (1.2, 0.2)} if len(x_m) == 1 else {"wall_size_m": (0.2, 0.8)}))  # fmt: skip
+        assert np.array_equal(np.moveaxis(line.transient.counts, 0, 2), counts)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
