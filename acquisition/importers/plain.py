@@ -19,6 +19,8 @@ from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, r
 DIFFUSE = 4
 _OF_HDF5 = ("CLASS", "DIMENSION_LIST", "DIMENSION_LABELS", "NAME", "REFERENCE_LIST")
 """Attributes that libraries write for themselves."""
+_PACKING = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+"""What netCDF-4 (xarray, say) tells of numbers that are not stored as they are: CF conventions 1.11, 2.5.1 and 8.1."""
 
 
 def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) -> ImportedScan:
@@ -36,10 +38,10 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
                 f"{how_to_convert()}"
             )
         dimensions = len(stored.shape or ())
-        counts = read_array(stored, dimensions if dimensions in (2, 4, 5) else 3)
+        counts = _as_meant(path, stored, read_array(stored, dimensions if dimensions in (2, 4, 5) else 3))
         beside = {name: held for name in KNOWN if (held := _beside(path, file, stored, name)) is not None}
         said = {name for name in stored.attrs if name not in _OF_HDF5}
-        others = tuple({*file.keys(), *file.attrs.keys(), *said} - {dataset, *KNOWN})
+        others = tuple({*file.keys(), *file.attrs.keys(), *said} - {dataset, *KNOWN, *_PACKING})
     return scan_of(StoredArrays(str(path), "plain HDF5", dataset, counts, beside, others, DIFFUSE), given)
 
 
@@ -57,7 +59,21 @@ def _beside(path: Path, file: h5py.File, histograms: h5py.File | h5py.Dataset, n
     stored = find_dataset(file, name)
     said = [np.asarray(item.attrs[name]) for item in (file, histograms) if name in item.attrs]
     if stored is not None and stored.shape is not None:
-        said.append(np.asarray(read_array(stored, len(stored.shape))))
+        said.append(_as_meant(path, stored, np.asarray(read_array(stored, len(stored.shape)))))
     if any(not np.array_equal(each.ravel(), said[0].ravel()) for each in said[1:]):
         raise InvalidData(f"{path}: {name}: is an attribute and a dataset of different values. Leave one out.")
     return said[-1] if said else None
+
+
+def _as_meant(path: Path, stored: h5py.Dataset, numbers: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Numbers as a netCDF-4 file means them: unpacked, and NaN where it says that there are none. Raises
+    `InvalidData`."""
+    said = {name: np.asarray(stored.attrs[name]) for name in _PACKING if name in stored.attrs}
+    if wrong := [name for name, value in said.items() if value.dtype.kind not in "uif" or value.size != 1]:
+        raise InvalidData(f"{path}: {stored.name.lstrip('/')}: {wrong[0]} of it is not one number")
+    none = [value for name in _PACKING[:2] if (value := said.get(name)) is not None]
+    absent = np.logical_or.reduce([numbers == value for value in none]) if none else np.zeros(1, bool)
+    scale, offset = (said.get(name) for name in _PACKING[2:])
+    if scale is not None or offset is not None:
+        numbers = numbers * np.float64(1 if scale is None else scale) + np.float64(0 if offset is None else offset)
+    return np.where(absent, np.nan, numbers) if absent.any() else numbers

@@ -27,6 +27,30 @@ def test_counts_axes_and_wall_arrive_unchanged(tmp_path: Path) -> None:
     assert (plain.direct_cut_bins, plain.falloff, plain.rectified) == (2, 2, True)
 
 
+def test_numbers_that_netcdf_packed_are_unpacked(tmp_path: Path) -> None:
+    """xarray's `encoding` stores twice the counts less 10, and -99 where nothing was measured."""
+    counts = np.arange(2 * 3 * 5).reshape(2, 3, 5)
+    path = write(tmp_path / "scan.nc", (counts * 2 - 10).astype(np.int16))
+    with h5py.File(path, "r+") as file:
+        packed = file["histograms"]
+        packed[1, 2] = -99
+        packed.attrs.update({"scale_factor": 0.5, "add_offset": 5.0, "_FillValue": np.array([-99], np.int16)})
+        del file.attrs["wall_size_m"]
+        file["x_m"], file["y_m"] = np.array([-1, 0, 1], np.int8), np.array([1, -1], np.int8)
+        for places in (file["x_m"], file["y_m"]):
+            places.attrs["scale_factor"] = 0.1
+    plain = read_plain(path)
+    counts[1, 2] = 0
+    assert np.array_equal(plain.transient.counts, counts.transpose(2, 0, 1))
+    assert plain.transient.exposure_s.tolist() == [[1, 1, 1], [1, 1, 0]]
+    assert (plain.transient.wall.width_m, plain.transient.wall.height_m) == pytest.approx((0.3, 0.4))
+    assert not any("scale_factor" in note for note in plain.notes)
+    with h5py.File(path, "r+") as file:
+        file["histograms"].attrs["scale_factor"] = "half"
+    with pytest.raises(InvalidData, match="histograms: scale_factor of it is not one number"):
+        read_plain(path)
+
+
 @pytest.mark.parametrize(
     ("attributes", "named"),
     [
