@@ -109,8 +109,8 @@ def _clearest(total: Floats, chance: Floats, direct: float, offsets: TimeOffsets
         columns = np.stack([shape, np.ones_like(place), place, place**2], axis=1)
         take = np.linalg.pinv(columns)
         bright, error = seen @ take[0], np.sqrt(noise @ take[0] ** 2)
-        off = np.abs(seen - seen @ take.T @ columns.T).max(axis=1)
-        unlike = off > _LIKE * bright * shape.max() + 4 * np.sqrt(noise.max(axis=1))
+        off = np.abs(seen - seen @ take.T @ columns.T) - 4 * np.sqrt(noise)
+        unlike = off.max(axis=1) > _LIKE * bright * shape.max()
         clear = np.where(unlike | (bright < _FAINTEST * direct), 0.0, bright / error)
         at = int(np.argmax(clear))
         if clear[at] > best:

@@ -64,6 +64,18 @@ def test_a_surface_is_no_second_pulse_however_far_or_even_it_is(
     assert "second pulse" not in caplog.text
 
 
+@pytest.mark.parametrize(("wall_m", "patch_m", "share"), [(0.5, (0.63, 0.42), 0.05), (0.3, (0.5, 1.0), 0.2)])
+def test_the_near_edge_of_a_large_surface_after_darkness_is_no_second_pulse(
+    wall_m: float, patch_m: tuple[float, float], share: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of few photons: before the edge, where nothing came, a curve that dips below nothing had a pulse filled in."""
+    few = scan(wall_m, patch_m, (0.0, 0.0))
+    few = replace(few, counts=np.random.default_rng(0).binomial(few.counts, share).astype(np.uint32))
+    with caplog.at_level(logging.WARNING):
+        correct_points(few)
+    assert "second pulse" not in caplog.text
+
+
 def test_light_that_little_more_than_half_of_the_points_see_is_no_second_pulse(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
