@@ -79,8 +79,6 @@ def doubt_close_pulse(found: ClosePulse | None) -> None:
 
 
 def _width(smooth: Floats, peak: int) -> int:
-    """Full width at half maximum, in bins."""
-    low = np.flatnonzero(smooth < smooth[peak] / 2)
-    before, after = low[low < peak], low[low > peak]
-    first, last = before[-1] if len(before) else -1, after[0] if len(after) else len(smooth)
-    return max(int(last - first - 1), 1)
+    """Full width at half maximum, in bins, by the falling half: what was aligned begins at its maximum."""
+    low = np.flatnonzero(smooth[peak:] < smooth[peak] / 2)
+    return 2 * int(low[0]) - 1 if len(low) else len(smooth)

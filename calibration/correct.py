@@ -155,10 +155,11 @@ def correct_points(
     done = _finish(raw, timed, remove_direct=remove_direct)
     second = None if known is None else known.second
     if offsets is not None and remove_direct:
-        doubt_close_pulse(done.direct.close)
-        doubt_second_pulse(second := second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m))
+        doubt_second_pulse(second := _second_pulse(done, raw, timed, offsets))
     if second is not None and second.even:
         done = _without(raw, timed, second)
+    if offsets is not None:
+        doubt_close_pulse(done.direct.close)
     if known is not None:
         return _as_whole(done, known, known.close_end_bin if remove_direct else 0)
     return done if offsets is None or not remove_direct else _evened(done, offsets, raw)
@@ -224,6 +225,7 @@ def _finish(
     *,
     remove_direct: bool = True,
     bins: int | None = None,
+    mask_close: bool = True,
 ) -> CorrectedPoints:
     """Alignment, background and direct light, the last as it is `known`, else looked for."""
     arrival, background, offsets = timed.arrival, timed.background, timed.offsets
@@ -246,7 +248,7 @@ def _finish(
     if known is not None and known.direct_shape is not None:
         direct = known_direct_light(aligned, known.direct_shape, known.direct_end_bin)
     elif remove_direct and known is None:
-        some = find_direct_light(aligned[there], raw.time.bin_width_s)
+        some = find_direct_light(aligned[there], raw.time.bin_width_s, mask_close=mask_close)
         direct = replace(some, amplitude=np.zeros(points))
         direct.amplitude[there] = some.amplitude
     aligned = remove_direct_light(aligned, direct)
@@ -255,6 +257,17 @@ def _finish(
     beyond = light_beyond(timed.counts[there], arrival[there], bins, background.at(there)) if known is None else 0.0
     exposure, axis = np.where(there, raw.exposure_s, 0.0), TimeAxis(bins, raw.time.bin_width_s)
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
+
+
+def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets: TimeOffsets) -> SecondPulse | None:
+    """That of `done`; one that is masked there where it can be taken out: so can what it shows once more."""
+    close = None
+    if done.direct.close is not None:
+        bare = _finish(raw, timed, mask_close=False)
+        close = second_pulse(bare.counts, bare.variance, offsets, raw.x_m, raw.y_m)
+    if close is not None and close.even:
+        return close
+    return second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m)
 
 
 def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoints:

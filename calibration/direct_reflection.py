@@ -54,8 +54,9 @@ class DirectLight:
         return np.asarray(np.arange(len(self.shape)) >= self.end_bin)
 
 
-def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight:
-    """Models the direct light of histograms (N, T) aligned to its arrival, background subtracted."""
+def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float, *, mask_close: bool = True) -> DirectLight:
+    """Models the direct light of histograms (N, T) aligned to its arrival, background subtracted. `mask_close`: whether
+    a second pulse close behind it is masked with it."""
     counts = np.asarray(aligned, dtype=np.float32)
     points, bins = counts.shape
     mean = counts.mean(axis=0, dtype=np.float64)
@@ -72,7 +73,7 @@ def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight
     if smooth[peak] < PRESENT_ABOVE * later_peak and not stands_alone:
         return nothing
     turn = _first_rise(smooth, noise, peak)
-    close = close_pulse(counts, smooth, (peak, turn), bin_width_s)
+    close = close_pulse(counts, smooth, (peak, turn), bin_width_s) if mask_close else None
     if close is not None:
         turn = _first_rise(smooth, noise, close.end_bin - 1)
     lowest = max(float(smooth[turn]), 3 * float(noise[turn]), FAINTEST * float(smooth[peak]) / 3)

@@ -8,6 +8,7 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.close_pulse import close_pulse
 from nlos.calibration.correct import correct_points
 from nlos.calibration.raw_points import RawPoints
 
@@ -48,6 +49,28 @@ def test_a_second_pulse_a_few_widths_behind_the_direct_one_is_told_and_masked(
     assert float(words[words.index("%") - 1]) == pytest.approx(percent, rel=0.35)
     early = done.counts[:, : round(1e-9 / WIDTH_S)].mean(axis=0)  # nothing hidden is as near
     assert early.max() < 0.002 * DIRECT * WIDTH_S / 60e-12
+
+
+def test_the_direct_pulse_of_aligned_histograms_is_as_wide_as_its_falling_half_says() -> None:
+    bins = np.arange(200)
+    pulse, again = (np.exp(-4 * np.log(2) * ((bins - at) / 5) ** 2) for at in (0, 24))
+    smooth = 200 * (pulse + 0.01 * np.exp(-bins / 6) + 0.01 * again) + 0.02
+    counts = np.random.default_rng(3).poisson(np.multiply.outer(np.linspace(0.5, 1.5, 400), smooth)).astype(np.float32)
+    found = close_pulse(counts, smooth, (0, 17), WIDTH_S)  # 4.8 widths behind it
+    assert found is not None
+    assert found.lag_s == pytest.approx(24 * WIDTH_S)
+
+
+def test_one_that_can_be_taken_out_with_what_it_shows_once_more_is_not_masked(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan((0.6, 0.3), 270e-12, 0.2))
+    assert "It is taken out" in caplog.text
+    assert caplog.text.count("a second pulse comes") == 1
+    assert done.direct.close is None
+    alone = correct_points(scan((0.6, 0.3), 0.0, 0.0))
+    shared = slice(alone.direct.end_bin + 5, min(done.time.bins, alone.time.bins))
+    seen, true = (each.counts[:, shared].sum(axis=0) for each in (done, alone))
+    assert seen.sum() == pytest.approx(true.sum(), rel=0.04)  # masked it would be a fifth more
 
 
 @pytest.mark.parametrize("patch_m", [(0.025, 0.1), (0.04, 0.4), (0.06, 0.3), (0.08, 0.6), (0.6, 0.3)])
