@@ -19,7 +19,7 @@ _AROUND = 0.25
 _FEWEST = 24
 """Points that differ from what is around them."""
 _UNEVEN = 1.15
-"""Times as bright as what is around it, or as dark, a point's direct light is then, distance aside, and four standard
+"""Times as bright as what is around it, or as dark, a point's direct light is then, distance aside, and two standard
 errors beyond: hidden light does not change so from point to point, and if it does, direct light does not follow."""
 _BETTER = 0.5
 """Of what points differ by from those around them in hidden light, is left where it follows direct light."""
@@ -74,8 +74,11 @@ def wall_brightness(done: HiddenLight, offsets: TimeOffsets) -> WallBrightness |
         np.einsum("nt,t->n", each, by, dtype=np.float64)[lit]
         for each, by in ((done.counts, shape), (done.variance, shape**2))
     )
-    left = [_left(hidden, chance, bright**power * seconds, at, around) for power in (0, 1, 2)]
-    power = 1 if left[1] < left[2] else 2
+    no_chance = np.zeros(len(hidden))
+    left = [_left(hidden, chance, bright**power * seconds, no_chance, at, around) for power in (0, 1, 2)]
+    by_chance = 1 / offsets.direct_counts[lit]
+    once, twice = (_left(hidden, chance, bright**p * seconds, p**2 * by_chance, at, around) for p in (1, 2))
+    power = 1 if once < twice else 2
     if not left[0] > _CHANCE or left[power] > _BETTER * left[0]:
         return None
     dark_tenth, bright_tenth = np.quantile(bright, [0.1, 0.9])
@@ -95,13 +98,15 @@ def _unlike(bright: Floats, counts: Floats, x: Floats, y: Floats) -> tuple[Place
     far = np.linalg.norm(places[around] - places[at][:, None], axis=2).mean(axis=1)
     apart = np.abs(np.log(bright[at]) - np.log(bright[around]).mean(axis=1))
     error = np.sqrt(1 / counts[at] + (1 / counts[around]).mean(axis=1) / _NEIGHBOURS)
-    unlike = (aside < _AROUND * far) & (apart > np.log(_UNEVEN) + 4 * error)
+    unlike = (aside < _AROUND * far) & (apart > np.log(_UNEVEN) + 2 * error)
     return at[unlike], around[unlike]
 
 
-def _left(hidden: Floats, chance: Floats, factor: Floats, at: Places, around: Places) -> float:
-    """What hidden light (N,) differs by from that around it, beyond its factors (N,), over what chance makes of it."""
-    even, error = hidden / factor, chance / factor**2
+def _left(hidden: Floats, chance: Floats, factor: Floats, of_factor: Floats, at: Places, around: Places) -> float:
+    """What hidden light (N,) differs by from that around it, beyond its factors (N,), over what chance makes of it and
+    `of_factor` (N,), its square over that of the factor."""
+    even = hidden / factor
+    error = chance / factor**2 + even**2 * of_factor
     apart = even[at] - even[around].mean(axis=1)
     return float(np.mean(apart**2 / np.maximum(error[at] + error[around].mean(axis=1) / _NEIGHBOURS, 1e-30)))
 

@@ -48,6 +48,21 @@ def test_hidden_light_of_a_wall_of_tiles_is_as_of_an_even_wall(caplog: pytest.Lo
     assert done.exposure_s / np.median(done.exposure_s) == pytest.approx(TILES**2 / np.median(TILES**2), rel=0.35)
 
 
+def test_of_little_direct_light_it_is_told_how_hidden_light_follows(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        correct_points(scan(0.02 * TILES, TILES**2))
+    assert "hidden light follows its square" in caplog.text
+
+
+def test_one_edge_between_bright_and_dark_is_enough_of_few_photons(caplog: pytest.LogCaptureFixture) -> None:
+    step = np.where(X > 0, 1.0, 0.3)
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(scan(0.2 * step, 0.2 * step**2))
+    assert "hidden light follows its square" in caplog.text
+    assert done.light is not None
+    assert np.std(np.log(done.light / step**2)) < 0.25
+
+
 def test_single_frames_are_evened_as_their_whole_scan_is() -> None:
     raw = scan(TILES, TILES**2)
     whole = correct_points(raw)
