@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.background import is_flat
+from nlos.calibration.by_blocks import chosen
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import ImpulseResponse, from_histogram, stack
 from nlos.calibration.matched_filter import match, window_counts
@@ -118,8 +119,7 @@ def refined(
             trusted = np.isfinite(error) & (wall.accepted if wall else True)
             if not trusted.any():
                 raise _no_direct_peak(recorded, lit, trusted, gain)
-            some = slice(None) if trusted.all() else trusted  # all of them need no copy
-            template = _stacked_response(recorded[some], centre[some], background[some], width)
+            template = _stacked_response(recorded, trusted, centre, background, width)
         assert template is not None
         previous = arrival
         arrival, error = match(recorded, background, centre, template, width, radius)
@@ -159,8 +159,9 @@ def refined(
 
 def _no_direct_peak(recorded: npt.NDArray[np.generic], lit: Flags, bright: Flags, gain: Floats) -> NoDirectPeak:
     points = int(lit.sum())
-    if is_flat(recorded[lit]):
-        each = float(recorded[lit].sum(axis=1, dtype=np.float64).mean()) if points else 0.0
+    seen = chosen(recorded, lit)
+    if is_flat(seen):
+        each = float(seen.sum(axis=1, dtype=np.float64).mean()) if points else 0.0
         return ShutterClosed(
             f"all {points} points hold {each:.2f} counts on average, evenly over time: no laser light reached the "
             "detector, from point 0 on. Was the shutter closed?"
@@ -198,16 +199,17 @@ def _weighed(arrival: Floats, error: Floats, wall: WallTiming | None, predicted:
 
 
 def _stacked_response(
-    recorded: npt.NDArray[np.generic], at: Floats, background: Floats, width: float
+    recorded: npt.NDArray[np.generic], trusted: Flags, centre: Floats, background: Floats, width: float
 ) -> ImpulseResponse:
-    """The pulse on a grid finer than the bins, down to 2 % of its maximum."""
-    bins = recorded.shape[1]
+    """The pulse of `trusted` points (N,) on a grid finer than the bins, down to 2 % of its maximum."""
+    bins, points = recorded.shape[1], np.flatnonzero(trusted)
     before, after = min(bins, round(1e-9 / width) + 2), min(bins, round(3e-9 / width) + 4)
-    total = stack(recorded, at, before, after, OVERSAMPLING) - background.sum() / OVERSAMPLING
+    total = stack(recorded, points, centre[points], (before, after), OVERSAMPLING)
+    total -= background[points].sum() / OVERSAMPLING
     response = from_histogram(total, width / OVERSAMPLING).cropped(0.02)
     if response.fwhm_s() > max(WIDEST_PULSE_S, 4 * width):
         raise NoDirectPeak(
-            f"what stands out at {len(at)} points is {response.fwhm_s() * 1e9:.1f} ns wide, too slow for a direct "
+            f"what stands out at {len(points)} points is {response.fwhm_s() * 1e9:.1f} ns wide, too slow for a direct "
             "peak. Check laser and detector."
         )
     return response

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.by_blocks import some_at_a_time, sums_from
+
 Floats = npt.NDArray[np.float64]
 FEWEST_BINS = 8
 _BLOCKS, _NARROWEST, _WIDEST = 16, 4, 16
@@ -14,8 +16,6 @@ _UNEVEN = 1.25
 _SHUT = 20.0
 """Counts that a stretch should have over all points, and has none, if it lies before a gate that opens."""
 _ROUNDS = 4
-_ROWS = 512
-"""So many points at a time."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,7 @@ def quiet_before(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> npt.NDArray[
     blocks = -(-latest // block)
     inside = np.clip(end[:, None] - np.arange(blocks) * block, 0, block)  # (N, blocks): bins of each
     held = np.zeros(inside.shape)
-    for first in range(0, len(recorded), _ROWS):
-        some = slice(first, first + _ROWS)
+    for some in some_at_a_time(len(recorded)):
         part = np.where(np.arange(blocks * block) < end[some, None], _padded(recorded[some], blocks * block), 0)
         held[some] = part.reshape(len(part), blocks, block).sum(axis=2)
     expected = held.sum() / max(inside.sum(), 1) * inside.sum(axis=0)
@@ -108,8 +107,10 @@ def quiet_before(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> npt.NDArray[
             beside[:, later:] |= bright[:, :-later]
         beside[:, :-1] |= bright[:, 1:]
         kept = there & ~beside
-    bins = np.repeat(kept, block, axis=1)[:, :latest]
-    return np.asarray(bins & (np.arange(bins.shape[1]) < end[:, None]))
+    quiet = np.zeros((len(end), latest), dtype=np.bool_)
+    for some in some_at_a_time(len(end)):
+        quiet[some] = np.repeat(kept[some], block, axis=1)[:, :latest] & (np.arange(latest) < end[some, None])
+    return quiet
 
 
 def sum_where(counts: npt.ArrayLike, kept: npt.NDArray[np.bool_]) -> Floats:
@@ -156,7 +157,7 @@ def quiet_background(counts: npt.ArrayLike) -> Floats:
     recorded = np.asarray(counts)
     points, bins = recorded.shape
     edges = np.linspace(0, bins, min(16, bins) + 1).astype(int)
-    totals = np.add.reduceat(recorded, edges[:-1], axis=1, dtype=np.float64)  # (N, blocks)
+    totals = sums_from(recorded, edges[:-1])  # (N, blocks)
     quiet = np.argsort(totals.mean(axis=0) / np.diff(edges))[: max(1, len(edges) // 4)]
     length = np.diff(edges)[quiet].sum()
     pooled = max(totals[:, quiet].sum() / (length * points), 1e-9)

@@ -3,6 +3,7 @@ ambient light, direct light."""
 
 import logging
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.background import Background, before_pulse, in_stretch, subtract
+from nlos.calibration.by_blocks import chosen, some_at_a_time
 from nlos.calibration.close_pulse import doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
@@ -90,8 +92,6 @@ class Corrected:
     """A transient that the physics can use, and what was taken out of it, on the wall's grid."""
 
     transient: Transient
-    mask: npt.NDArray[np.bool_]  # (T, H, W); True where usable
-    variance: npt.NDArray[np.float32]  # (T, H, W)
     points: CorrectedPoints
 
     def report(self) -> Report:
@@ -180,9 +180,9 @@ def correct(
     wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
     return Corrected(
-        Transient(_cube(done.counts, shape), done.exposure_s.reshape(shape[1:]), wall, done.time),
-        np.ascontiguousarray(done.usable.T).reshape(shape),
-        _cube(done.variance, shape),
+        Transient(
+            np.ascontiguousarray(done.counts.T).reshape(shape), done.exposure_s.reshape(shape[1:]), wall, done.time
+        ),
         done,
     )
 
@@ -236,25 +236,32 @@ def _finish(
     arrival = np.where(there, arrival, arrival[there].mean())
     if bins is None:
         bins = bins_left(raw, arrival, offsets)
-    aligned = align(timed.counts, arrival, bins)
-    aligned = subtract(aligned, np.where(np.isfinite(background.error), background.per_bin, 0.0))
-    told = np.isfinite(timed.variance)
-    spread = align_variance(timed.variance if told.all() else np.where(told, timed.variance, 0), arrival, bins)
-    usable = recorded_bins(arrival, record, bins) & there[:, None]
-    if not told.all():
-        usable &= align(~told, arrival, bins) == 0
+    below = np.where(np.isfinite(background.error), background.per_bin, 0.0)[:, None]
+    order: Literal["C", "F"] = "C" if timed.counts.flags.c_contiguous else "F"  # of a cube over time first
+    aligned, spread = (np.zeros((points, bins), np.float32, order) for _ in range(2))
+    usable = np.zeros((points, bins), np.bool_, order)
+    for some in some_at_a_time(points):
+        counts, variance = (np.ascontiguousarray(each[some]) for each in (timed.counts, timed.variance))
+        start = arrival[some]
+        told = np.isfinite(variance)
+        aligned[some] = subtract(align(counts, start, bins), below[some])
+        spread[some] = align_variance(np.where(told, variance, 0), start, bins)
+        usable[some] = recorded_bins(start, record, bins) & there[some, None] & (align(~told, start, bins) == 0)
     aligned[~there], spread[~there] = 0, 0
     direct = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)
     if known is not None and known.direct_shape is not None:
         direct = known_direct_light(aligned, known.direct_shape, known.direct_end_bin)
     elif remove_direct and known is None:
-        some = find_direct_light(aligned[there], raw.time.bin_width_s, mask_close=mask_close)
-        direct = replace(some, amplitude=np.zeros(points))
-        direct.amplitude[there] = some.amplitude
-    aligned = remove_direct_light(aligned, direct)
-    usable &= direct.usable()
-    aligned[~usable] = 0
-    beyond = light_beyond(timed.counts[there], arrival[there], bins, background.at(there)) if known is None else 0.0
+        found = find_direct_light(chosen(aligned, there), raw.time.bin_width_s, mask_close=mask_close)
+        direct = replace(found, amplitude=np.zeros(points))
+        direct.amplitude[there] = found.amplitude
+    for some in some_at_a_time(points):
+        usable[some] &= direct.usable()
+        left = remove_direct_light(aligned[some], replace(direct, amplitude=direct.amplitude[some]))
+        aligned[some] = np.where(usable[some], left, np.float32(0))
+    beyond = 0.0
+    if known is None:
+        beyond = light_beyond(chosen(timed.counts, there), arrival[there], bins, background.at(there))
     exposure, axis = np.where(there, raw.exposure_s, 0.0), TimeAxis(bins, raw.time.bin_width_s)
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
 
@@ -295,7 +302,3 @@ def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> Corr
         return done
     doubt_wall_brightness(found)
     return replace(done, exposure_s=done.exposure_s * found.light, light=found.light)
-
-
-def _cube(counts: npt.NDArray[np.float32], shape: tuple[int, int, int]) -> npt.NDArray[np.float32]:
-    return np.ascontiguousarray(counts.T).reshape(shape)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlos.calibration.background import is_flat
+from nlos.calibration.by_blocks import chosen
 from nlos.calibration.errors import InvalidData, NoDirectPeak
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import measure_time_offsets
@@ -20,7 +21,7 @@ def dark_and_light(
     Bins of a dark run need not be even: they differ in width, and the laser's trigger couples into some. Raises
     `InvalidData` for one of several runs that is not even, was not meant to be dark and shows no wall either.
     """
-    flat = [is_flat(run.counts[run.exposure_s > 0]) for run in runs]
+    flat = [is_flat(chosen(run.counts, run.exposure_s > 0)) for run in runs]
     dark, light = [], []
     for number, run in enumerate(runs):
         meant = bool(meant_dark) and meant_dark[number]

@@ -14,6 +14,7 @@ from nlos.calibration.constants import Quantity
 from nlos.calibration.errors import InvalidData, SaturatedBins
 
 Floats = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.float32]
 _POINTS = 64
 """So many at a time: what is kept of each is a dozen histograms."""
 _FLAT = 1e-3
@@ -33,7 +34,7 @@ def correct_free_running(
     bin_width_s: float,
     period_s: float,
     dead_time_s: Quantity,
-) -> tuple[Floats, Floats]:
+) -> tuple[Counts, Counts]:
     """The cyclic correction for a free-running detector, blind for `dead_time_s` after each click.
 
     `counts` (N, T) from the start of the window, `total_count` (N,) all clicks, also those outside of the window:
@@ -47,7 +48,7 @@ def correct_free_running(
     every, pulses = _per_point(total_count, len(recorded)), _per_point(sync_count, len(recorded))
     dead_s, error_s = dead_time_s.value, dead_time_s.error
     _refuse_too_long(every, pulses * period_s, dead_time_s)
-    photons, variance = np.empty(recorded.shape), np.empty(recorded.shape)
+    photons, variance = np.empty((2, *recorded.shape), dtype=np.float32)
     for some in _some_at_a_time(len(recorded)):
         clicks = recorded[some].astype(np.float64)
 

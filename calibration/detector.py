@@ -6,6 +6,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.afterpulsing import ClickAfterClick, subtract_afterpulses
 from nlos.calibration.background import subtract
+from nlos.calibration.by_blocks import some_at_a_time
 from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.dead_time import blind_pulses, correct_free_running
 from nlos.calibration.first_click import correct_first_click, first_click
@@ -35,14 +36,14 @@ def undo_dead_time(
     taken = raw.sync_count > 0
     if taken.all():
         return _free_running(raw, dead_time, period_s, constants)
-    counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
+    counts, variance = raw.counts.astype(np.float32), raw.counts.astype(np.float32)
     counts[taken], variance[taken] = _free_running(raw.select(taken), dead_time, period_s, constants)
     return counts, variance
 
 
 def _free_running(
     raw: RawPoints, dead_time: Quantity, period_s: float, constants: BenchConstants | None
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """`undo_dead_time` of a known dead time."""
     width_s = raw.time.bin_width_s
     counts, variance = correct_free_running(raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_time)
@@ -52,10 +53,12 @@ def _free_running(
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
         once = slice(min(raw.time.bins, round(period_s / width_s)))  # of a record that is a little longer
         found = ClickAfterClick(dead_time.value, 0.0, after.value, after.error, decay_s)
-        pulses = np.asarray(raw.sync_count, dtype=np.float64)[:, None]
-        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_time.value, raw.sync_count)
-        seen, clicks = (np.asarray(each[:, once], dtype=np.float64) / pulses for each in (counts, raw.counts))
-        counts[:, once] = pulses * subtract_afterpulses(seen, clicks, 1 - blind / pulses, found, width_s)
+        for some in some_at_a_time(len(counts)):
+            total, pulses = raw.total_count[some], raw.sync_count[some]
+            clicks, every = raw.counts[some, once].astype(np.float64), pulses[:, None]
+            live = 1 - blind_pulses(clicks, total, width_s, period_s, dead_time.value, pulses) / every
+            seen = counts[some, once].astype(np.float64) / every
+            counts[some, once] = every * subtract_afterpulses(seen, clicks / every, live, found, width_s)
     return counts, variance
 
 
@@ -66,7 +69,10 @@ def subtract_dark(
     per_bin = None if constants is None else _dark_per_bin_hz(constants, raw.time)
     if per_bin is None:
         return counts
-    return subtract(counts, np.multiply.outer(raw.exposure_s, per_bin))
+    left = np.empty(counts.shape, dtype=np.float32)
+    for some in some_at_a_time(len(counts)):
+        left[some] = subtract(counts[some], np.multiply.outer(raw.exposure_s[some], per_bin))
+    return left
 
 
 def _dark_per_bin_hz(constants: BenchConstants, time: TimeAxis) -> npt.NDArray[np.float64] | None:

@@ -15,6 +15,7 @@ from nlos.calibration.constants import Quantity
 from nlos.calibration.raw_points import RawPoints
 
 Floats = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.float32]
 log = logging.getLogger(__name__)
 _POINTS = 64
 """So many at a time: what is kept of each is a dozen histograms."""
@@ -72,7 +73,9 @@ def _looked_for(raw: RawPoints) -> FirstClick:
         return FirstClick(Blindness.MORE_THAN_PULSES)
     places = np.flatnonzero(share > PILE_UP)
     lead = max(2, round(_LEAD_S / raw.time.bin_width_s))
-    long = (raw.time.bins - int(raw.counts[places].argmax(axis=1).max()) - lead) // _BLOCKS
+    long = (
+        raw.time.bins - max(int(raw.counts[some].argmax(axis=1).max()) for some in _some_at_a_time(places)) - lead
+    ) // _BLOCKS
     if long < 1:
         return FirstClick(Blindness.POSSIBLE)
     before, opened, (seen, live, blind) = 0.0, 0.0, np.zeros((3, _BLOCKS))
@@ -145,16 +148,16 @@ def clicks_per_pulse(raw: RawPoints) -> Floats:
     return np.asarray(raw.counts.sum(axis=1, dtype=np.float64) / np.where(raw.sync_count > 0, raw.sync_count, np.inf))
 
 
-def correct_first_click(counts: npt.ArrayLike, sync_count: npt.ArrayLike) -> tuple[Floats, Floats]:
+def correct_first_click(counts: npt.ArrayLike, sync_count: npt.ArrayLike) -> tuple[Counts, Counts]:
     """Photons that a detector without dead time would have counted, and their variance, both (N, T), where each of
     `sync_count` (N,) pulses has clicked at most once in the record (Coates, J. Phys. E 1, 878, 1968, eq. 4): bins can
     click in those pulses alone that have not clicked before. Counts of points without pulses stay; the variance is
     infinite where no pulse is left."""
-    photons = np.asarray(counts, dtype=np.float64).copy()
-    variance = photons.copy()
+    recorded = np.asarray(counts)
+    photons, variance = recorded.astype(np.float32), recorded.astype(np.float32)
     known = np.broadcast_to(np.asarray(sync_count, dtype=np.float64), len(photons))
     for some in _some_at_a_time(np.flatnonzero(known > 0)):
-        clicks, pulses = photons[some], known[some, None]
+        clicks, pulses = recorded[some].astype(np.float64), known[some, None]
         live = pulses - np.cumsum(clicks, axis=1) + clicks
         told = clicks < live
         of = np.where(told, live, 1.0)

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 ROWS_AT_ONCE = 2048
 
 
@@ -78,18 +79,20 @@ def vertex(before: float, top: float, after: float) -> float:
     return 0.0 if bend >= 0 else float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5))
 
 
-def stack(counts: npt.ArrayLike, arrival_bins: npt.ArrayLike, before: int, after: int, oversampling: int) -> Floats:
-    """Sum of histograms (N, T) around their arrivals (N,), `oversampling` steps a bin, shape ((before + after) *
-    oversampling,): arrivals that differ by fractions of a bin let the sum resolve finer than one."""
-    recorded, arrivals = np.asarray(counts), np.asarray(arrival_bins, dtype=np.float64)
+def stack(
+    recorded: npt.NDArray[np.generic], points: Indices, arrivals: Floats, around: tuple[int, int], oversampling: int
+) -> Floats:
+    """Sum of the histograms (N, T) of `points` (M,) around their arrivals (M,), so many bins before and after them in
+    steps of 1 / `oversampling`: arrivals that differ by fractions of a bin let the sum resolve finer than one."""
+    before, after = around
     whole = np.floor(arrivals).astype(np.int64)
     steps = np.arange(oversampling) / oversampling
     total = np.zeros((before + after + 1, oversampling))
     for start in range(0, len(whole), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
-        held = windows(recorded[rows], whole[rows] - before, before + after + 2)
+        held = windows(recorded, points[rows], whole[rows] - before, before + after + 2)
         running = np.pad(np.cumsum(held, axis=1), ((0, 0), (1, 0)))  # up to whole bins; linear between them
-        past = (arrivals - whole)[rows, None] + steps  # (N, oversampling), below 2: bins from those to the steps
+        past = (arrivals - whole)[rows, None] + steps  # (M, oversampling), below 2: bins from those to the steps
         next_bin = past >= 1
         part = past - next_bin
         weights = np.where(next_bin, 0, 1 - part), np.where(next_bin, 1 - part, part), np.where(next_bin, part, 0)
@@ -98,9 +101,10 @@ def stack(counts: npt.ArrayLike, arrival_bins: npt.ArrayLike, before: int, after
     return np.diff(total.reshape(-1)[: (before + after) * oversampling + 1])
 
 
-def windows(recorded: npt.NDArray[np.generic], first: npt.NDArray[np.int64], length: int) -> Floats:
-    """`length` bins from `first` on, shape (N, length), 0 outside of the record."""
+def windows(recorded: npt.NDArray[np.generic], points: Indices, first: Indices, length: int) -> Floats:
+    """`length` bins from `first` (M,) on in the histograms (N, T) of `points` (M,), shape (M, length), 0 outside of the
+    record."""
     index = first[:, None] + np.arange(length)
     inside = (index >= 0) & (index < recorded.shape[1])
-    taken = np.take_along_axis(recorded, np.clip(index, 0, recorded.shape[1] - 1), axis=1)
+    taken = recorded[points[:, None], np.clip(index, 0, recorded.shape[1] - 1)]
     return np.where(inside, taken, 0).astype(np.float64)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.calibration.background import Background, in_stretch
+from nlos.calibration.by_blocks import sums_from
 
 Floats = npt.NDArray[np.float64]
 log = logging.getLogger(__name__)
@@ -36,7 +37,7 @@ def without_light_of_pulse_before(
     edges = np.linspace(0, bins, max(min(_STRETCHES, bins // _PARTS), 1) * _PARTS + 1).astype(int)
     behind = np.isfinite(begin_bins) & np.isfinite(background.error)
     whole = np.repeat(behind & (np.nan_to_num(begin_bins)[:, None] <= edges[:-1:_PARTS]).T, _PARTS, axis=0)
-    held = np.add.reduceat(counts, edges[:-1], axis=1, dtype=np.float64).T  # (parts, N), as `whole`
+    held = sums_from(counts, edges[:-1]).T  # (parts, N), as `whole`
     due = (whole * np.diff(edges)[:, None] * background.per_bin).sum(axis=1)  # (parts,)
     there = np.where(whole, held, 0.0).sum(axis=1)
     tells = (whole[::_PARTS].sum(axis=1) > points / 4) & _open(there, due)

@@ -4,10 +4,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from nlos.calibration.impulse_response import ROWS_AT_ONCE, ImpulseResponse, windows
+from nlos.calibration.by_blocks import some_at_a_time
+from nlos.calibration.impulse_response import ROWS_AT_ONCE, ImpulseResponse, Indices, windows
 
 Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 FINE_STEPS = 8
 """Trial shifts a bin; the vertex of a parabola resolves finer."""
 DETECTION_NEARBY = 4.0
@@ -17,8 +17,7 @@ DETECTION_NEARBY = 4.0
 def boxcar_arrival(recorded: npt.NDArray[np.generic], background: Floats, box: int) -> tuple[Floats, Floats]:
     """Centre of the fullest `box` bins of each point, and by how much it beats the background in log-likelihood."""
     top, held = np.zeros(len(recorded), dtype=np.int64), np.zeros(len(recorded))
-    for start in range(0, len(recorded), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
+    for rows in some_at_a_time(len(recorded)):
         running = np.pad(np.cumsum(recorded[rows], axis=1, dtype=np.float64), ((0, 0), (1, 0)))
         sums = running[:, box:] - running[:, :-box]
         top[rows], held[rows] = sums.argmax(axis=1), sums.max(axis=1)
@@ -33,8 +32,7 @@ def earliest_pulse(
     """As `boxcar_arrival`, of the first `box` bins that beat the background by `least_gain`, moved on to where that
     pulse is fullest: of points `together` (M, K), K at a time."""
     arrival, gain = np.zeros(len(together)), np.zeros(len(together))
-    for start in range(0, len(together), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
+    for rows in some_at_a_time(len(together)):
         total = np.zeros((len(together[rows]), recorded.shape[1]))
         for member in together[rows].T:
             total += recorded[member]
@@ -52,12 +50,11 @@ def later_pulse(
 ) -> tuple[Floats, Floats, Floats]:
     """As `boxcar_arrival`, of what comes from `start` (N,) bins on, and its counts above the background."""
     arrival, gain, above = np.zeros((3, len(recorded)))
-    for first in range(0, len(recorded), ROWS_AT_ONCE):
-        rows = slice(first, first + ROWS_AT_ONCE)
+    for rows in some_at_a_time(len(recorded)):
         rest = np.where(np.arange(recorded.shape[1]) < start[rows, None], 0, recorded[rows])
         arrival[rows], gain[rows] = boxcar_arrival(rest, background[rows], box)
         whole = (arrival[rows] - box / 2).astype(np.int64)
-        above[rows] = windows(rest, whole, box).sum(axis=1) - box * background[rows]
+        above[rows] = _held(rest, whole, box) - box * background[rows]
     return arrival, gain, above
 
 
@@ -83,13 +80,12 @@ def match(
     length = before + after + 2 * radius
     shares = template.in_bins(-(before + radius + shifts) * width, length, width)  # (S, length)
     whole = np.floor(centre).astype(np.int64)
-    signal = float(np.median(windows(recorded, whole - before - radius, length).sum(axis=1) - length * background))
+    signal = float(np.median(_held(recorded, whole - before - radius, length) - length * background))
     floor = max(float(np.median(background)) / max(signal, 1e-9), 1e-3 * float(shares.max()))
     weights = np.log1p(shares / floor).T  # (length, S)
     arrival, error, inside = np.zeros(len(whole)), np.zeros(len(whole)), np.zeros(len(whole), bool)
-    for start in range(0, len(whole), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
-        score = windows(recorded[rows], whole[rows] - before - radius, length) @ weights
+    for rows in some_at_a_time(len(whole), ROWS_AT_ONCE):
+        score = windows(recorded[rows], np.arange(len(whole[rows])), whole[rows] - before - radius, length) @ weights
         arrival[rows], error[rows], inside[rows] = _best(score, shifts)
     arrival += whole
     held = window_counts(recorded, arrival, np.zeros_like(background), template, width)
@@ -125,21 +121,33 @@ def window_counts(
     before, after = _support(template, width)
     known = np.isfinite(at)
     whole = np.floor(np.where(known, at, 0)).astype(np.int64)
-    total = windows(recorded, whole - before, before + after).sum(axis=1) - (before + after) * background
+    total = _held(recorded, whole - before, before + after) - (before + after) * background
     return np.where(known, total, np.nan)
 
 
+def _held(recorded: npt.NDArray[np.generic], first: Indices, length: int) -> Floats:
+    """Counts in `length` bins from `first` (N,) on, (N,)."""
+    total = np.zeros(len(first))
+    for rows in some_at_a_time(len(first)):
+        total[rows] = windows(recorded[rows], np.arange(len(first[rows])), first[rows], length).sum(axis=1)
+    return total
+
+
 def misfit(
-    recorded: npt.NDArray[np.generic], at: Floats, background: Floats, template: ImpulseResponse, width: float
+    recorded: npt.NDArray[np.generic],
+    points: Indices,
+    at: Floats,
+    background: Floats,
+    template: ImpulseResponse,
+    width: float,
 ) -> float:
-    """Mean squared deviation of pulses at `at` (N,) from the response scaled to their counts, beyond what chance makes,
-    as a share of the response's own squares."""
+    """Mean squared deviation of the pulses of `points` (M,) at `at` (M,) from the response scaled to their counts,
+    beyond what chance makes, as a share of the response's own squares."""
     before, after = _support(template, width)
     off = power = 0.0
-    for start in range(0, len(at), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
+    for rows in some_at_a_time(len(at), ROWS_AT_ONCE):
         whole = np.floor(at[rows]).astype(np.int64)
-        held, below = windows(recorded[rows], whole - before, before + after), background[rows, None]
+        held, below = windows(recorded, points[rows], whole - before, before + after), background[rows, None]
         shares = template.in_bins((whole - before - at[rows]) * width, before + after, width)
         pulse = np.clip(held.sum(axis=1, keepdims=True) - (before + after) * below, 0, None) * shares
         off += float(((held - below - pulse) ** 2 - pulse - below).sum())

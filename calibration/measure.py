@@ -210,16 +210,16 @@ def ambient_rate(raw: RawPoints, offsets: TimeOffsets, constants: BenchConstants
     laser pulse counts or without such bins."""
     lead = max(2.0, 2 * -offsets.response.start_s / raw.time.bin_width_s)
     good = np.isfinite(offsets.offset_bins) & (raw.exposure_s > 0) & (raw.sync_count > 0)
-    clicks = undo_dead_time(raw, constants)[0][good]
-    quiet = quiet_before(clicks, offsets.offset_bins[good] - lead)
-    opened_s = float((quiet.sum(axis=1) * raw.time.bin_width_s * raw.sync_count[good]).sum())
+    clicks = undo_dead_time(raw, constants)[0]
+    quiet = quiet_before(clicks, np.where(good, offsets.offset_bins - lead, 0.0))
+    opened_s = float((quiet.sum(axis=1) * raw.time.bin_width_s * raw.sync_count).sum())
     if not opened_s > 0:
         return None
     photons = float(sum_where(clicks, quiet).sum())
     dark, after = constants.dark_hz or Quantity(0.0, 0.0), constants.afterpulse_probability
     error = [np.sqrt(max(photons, 1.0)) / opened_s, dark.error]
     if after is not None and after.value > 0:  # what was subtracted for them is as uncertain as their probability
-        with_after = undo_dead_time(raw, replace(constants, afterpulse_probability=None))[0][good]
+        with_after = undo_dead_time(raw, replace(constants, afterpulse_probability=None))[0]
         all_clicks = float(sum_where(with_after, quiet).sum())
         error.append((all_clicks - photons) / opened_s * after.error / after.value)
     return Quantity(photons / opened_s - dark.value, float(np.linalg.norm(error)))

@@ -11,6 +11,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.errors import InvalidData, SaturatedBins
 
 Floats = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.unsignedinteger]
 COUNTER_LIMITS = (65_535, 4_294_967_295)
 """A bin with this content has run into the end of a 16- or 32-bit counter."""
 
@@ -140,17 +141,50 @@ def from_samples(samples: Iterable[Sample], *, visits: bool = False) -> RawPoint
     """Points in the order taken; histograms of one position taken in several passes are added up, and kept apart beside
     that with `visits`. Raises `SaturatedBins` for a sample that its counter flagged, `InvalidData` for none or for
     samples of different axes."""
-    rows: dict[tuple[float, float], list[Sample]] = {}
+    counts: Counts | None = None
+    told: list[tuple[float, ...]] = []
+    groups: dict[tuple[float, float], list[int]] = {}
+    axes: set[tuple[int, float, float]] = set()
     for sample in samples:
-        flags = sample.histogram.flags
-        if flags & type(flags).SATURATED:
-            raise SaturatedBins(saturated(sample.point))
-        rows.setdefault((sample.point.x_m, sample.point.y_m), []).append(sample)
-    if not rows:
+        histogram, point = sample.histogram, sample.point
+        if histogram.flags & type(histogram.flags).SATURATED:
+            raise SaturatedBins(saturated(point))
+        axes.add((len(histogram.counts), histogram.bin_width_s, histogram.offset_s))
+        if len(axes) > 1:
+            continue
+        group = groups.setdefault((point.x_m, point.y_m), [len(groups)])
+        group.append(len(told))
+        if counts is None:
+            counts = np.zeros((0, len(histogram.counts)), dtype=np.uint16)
+        counts = _added(counts, len(told) if visits else group[0], histogram.counts)
+        live_s = histogram.live_time_s
+        middle_s = sample.taken_s + live_s / 2
+        told.append((point.x_m, point.y_m, live_s, histogram.sync_count, histogram.total_count, middle_s))
+    if counts is None:
         raise InvalidData("there is not one sample to calibrate from.")
-    groups = list(rows.values())
-    apart = [[sample] for group in groups for sample in group]
-    return replace(_grouped(groups), visits=_grouped(apart) if visits and len(apart) > len(groups) else None)
+    if len(axes) > 1:
+        raise InvalidData(f"samples have {len(axes)} different time axes: {sorted(axes)[:3]}.")
+    time, each = TimeAxis(*axes.pop()), np.array(told)
+    together = [each[group[1:]] for group in groups.values()]
+    counts.resize((len(each) if visits else len(together), time.bins), refcheck=False)
+    if not visits or len(together) == len(each):
+        return _grouped(counts, together, time)
+    summed: Counts = np.zeros((len(together), time.bins), dtype=np.uint16)
+    for place, *numbers in groups.values():
+        for number in numbers:
+            summed = _added(summed, place, counts[number])
+    return replace(_grouped(summed, together, time), visits=_grouped(counts, [row[None] for row in each], time))
+
+
+def _added(counts: Counts, row: int, histogram: npt.NDArray[np.unsignedinteger]) -> Counts:
+    """`counts` (rows, T), or more rows of them, with a histogram (T,) added in one: held once, in as few bits as the
+    largest takes, 16 at least."""
+    if row >= len(counts):
+        counts.resize((row + max(row // 8, 256), len(histogram)), refcheck=False)
+    total = counts[row].astype(np.uint64) + histogram
+    counts = counts.astype(np.promote_types(counts.dtype, np.min_scalar_type(total.max(initial=0))), copy=False)
+    counts[row] = total
+    return counts
 
 
 def saturated(point: ScanPoint) -> str:
@@ -161,28 +195,13 @@ def saturated(point: ScanPoint) -> str:
     )
 
 
-def _grouped(groups: Sequence[Sequence[Sample]]) -> RawPoints:
-    """A point for each group of samples of one position."""
-    first = groups[0][0].histogram
-    axes = {(len(s.histogram.counts), s.histogram.bin_width_s, s.histogram.offset_s) for g in groups for s in g}
-    if len(axes) > 1:
-        raise InvalidData(f"samples have {len(axes)} different time axes: {sorted(axes)[:3]}.")
-    return RawPoints(
-        np.stack([_added([s.histogram.counts for s in g]) for g in groups]),
-        np.array([g[0].point.x_m for g in groups]),
-        np.array([g[0].point.y_m for g in groups]),
-        np.array([sum(s.histogram.live_time_s for s in g) for g in groups], dtype=np.float64),
-        np.array([sum(s.histogram.sync_count for s in g) for g in groups], dtype=np.float64),
-        np.array([sum(s.histogram.total_count for s in g) for g in groups], dtype=np.float64),
-        TimeAxis(len(first.counts), first.bin_width_s, first.offset_s),
-        np.array([np.mean([s.taken_s + s.histogram.live_time_s / 2 for s in g]) for g in groups], dtype=np.float64),
-    )
-
-
-def _added(counts: Sequence[npt.NDArray[np.uint32]]) -> npt.NDArray[np.generic]:
-    """Histograms of one position, (T,); of 64 bits where a sum takes more than 32."""
-    total = np.asarray(np.sum(counts, axis=0, dtype=np.uint64))
-    return total if total.max(initial=0) > np.iinfo(np.uint32).max else total.astype(np.uint32)
+def _grouped(counts: Counts, groups: Sequence[Floats], time: TimeAxis) -> RawPoints:
+    """A point with its `counts` for each group of samples (K, 6) of one position: x, y, live time, pulses, clicks and
+    the middle of the exposure."""
+    x_m, y_m = np.array([group[0, :2] for group in groups]).T
+    live_s, pulses, clicks = np.array([group[:, 2:5].sum(axis=0) for group in groups]).T
+    taken_s = np.array([group[:, 5].mean() for group in groups])
+    return RawPoints(counts, x_m.copy(), y_m.copy(), live_s.copy(), pulses.copy(), clicks.copy(), time, taken_s)
 
 
 def from_sample(sample: Sample) -> RawPoints:

@@ -74,16 +74,17 @@ def second_pulse(
     lit = offsets.found & (offsets.direct_counts > 0)
     if not lit.any():
         return None
-    seen, direct = np.asarray(counts[lit], dtype=np.float64), offsets.direct_counts[lit]
-    total, chance = seen.sum(axis=0), variance[lit].sum(axis=0, dtype=np.float64)
+    direct = offsets.direct_counts[lit]
+    total, chance = (each.sum(axis=0, dtype=np.float64, where=lit[:, None]) for each in (counts, variance))
     fit = _clearest(total, chance, float(direct.sum()), offsets)
     if fit is None:
         return None
     fit = _between_phases(fit, total, float(direct.sum()), offsets)
-    windows, width_s = seen[:, fit.at : fit.at + len(fit.columns)], offsets.bin_width_s
+    window, width_s = slice(fit.at, fit.at + len(fit.columns)), offsets.bin_width_s
+    windows = np.asarray(counts[lit, window], dtype=np.float64)
     take, expected = np.linalg.pinv(fit.columns)[0], fit.share * direct
     each, places_m = windows @ take, np.stack([x_m[lit], y_m[lit]])
-    chance = variance[lit, fit.at : fit.at + len(take)] @ take**2 + expected * (fit.columns[:, 0] @ take**2)
+    chance = variance[lit, window] @ take**2 + expected * (fit.columns[:, 0] @ take**2)
     least = 0.25 if np.median(expected / np.sqrt(chance)) > _ITSELF else 0.5
     if not np.quantile(each, least) > _EVERYWHERE * fit.share * np.median(direct):
         return None

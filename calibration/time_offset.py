@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrival_rounds import DETECTION, Record, TimeOffsets, refined
 from nlos.calibration.background import quiet_background
+from nlos.calibration.by_blocks import chosen
 from nlos.calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.matched_filter import boxcar_arrival, earliest_pulse, later_pulse, misfit, neighbours
@@ -54,8 +55,8 @@ def measure_time_offsets(
         raise InvalidData(f"histograms of {recorded.shape[1]} bins are too short to find a pulse of {box} bins in.")
     record = Record(recorded, x, y, time, lit, quiet_background(recorded), box)
     first, gain = np.full(len(recorded), box / 2), np.zeros(len(recorded))
-    some = slice(None) if lit.all() else lit  # of a scan that has just begun, few
-    first[some], gain[some] = boxcar_arrival(recorded[some], record.background[some], box)
+    some = chosen(recorded, lit)  # of a scan that has just begun, few
+    first[lit], gain[lit] = boxcar_arrival(some, record.background[lit], box)
     try:
         brightest = refined(record, response, first, gain)
         behind = _behind_a_pane(record, brightest)
@@ -122,7 +123,7 @@ def _behind_a_pane(record: Record, first: TimeOffsets) -> TimeOffsets | None:
 
 def _unlike(record: Record, found: TimeOffsets) -> float:
     """How much the pulses differ in shape from point to point, beyond chance."""
-    seen = found.found
+    seen = np.flatnonzero(found.found)
     return misfit(
-        record.recorded[seen], found.measured_bins[seen], record.background[seen], found.response, found.bin_width_s
+        record.recorded, seen, found.measured_bins[seen], record.background[seen], found.response, found.bin_width_s
     )

@@ -36,7 +36,9 @@ def test_stacked_histograms_are_those_read_one_by_one_between_the_bins(points: i
     steps = np.arange(4 * 25 + 1) / 4 - 5
     running = np.pad(np.cumsum(counts, axis=1), ((0, 0), (1, 0))).astype(float)
     each = [np.interp(at + steps, np.arange(bins + 1), row) for at, row in zip(arrivals, running, strict=True)]
-    np.testing.assert_allclose(stack(counts, arrivals, 5, 20, 4), np.diff(np.sum(each, axis=0)), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        stack(counts, np.arange(len(counts)), arrivals, (5, 20), 4), np.diff(np.sum(each, axis=0)), rtol=0, atol=1e-8
+    )
 
 
 def test_offsets_are_found_to_a_fraction_of_a_bin(raw_scan: RawScan) -> None:

@@ -140,9 +140,12 @@ def _draw_direct_light(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints"
     axes[0].legend()
     axes[1].plot(time_ns, after)
     axes[1].set(xlabel="time after the direct arrival (ns)", title="mean counts per point")
-    late = corrected.usable & (np.arange(len(after)) < end + int(0.5e-9 / corrected.time.bin_width_s))
-    sums = np.where(late, corrected.counts, 0).sum(axis=1, dtype=np.float64)
-    spread = np.sqrt(np.maximum(np.where(late, corrected.variance, 0).sum(axis=1, dtype=np.float64), 1.0))
+    late = slice(end + int(0.5e-9 / corrected.time.bin_width_s))
+    sums, variance = (
+        each[:, late].sum(axis=1, dtype=np.float64, where=corrected.usable[:, late])
+        for each in (corrected.counts, corrected.variance)
+    )
+    spread = np.sqrt(np.maximum(variance, 1.0))
     _map(axes[2], raw, sums / spread, "0.5 ns behind the mask, in standard deviations", symmetric=True)
 
 
