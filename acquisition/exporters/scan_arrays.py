@@ -62,7 +62,7 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
         transient = recording.transient()
         most = float(transient.counts.max(initial=0))
         kind = np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64
-        counts: Counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(kind)
+        counts: Counts = np.moveaxis(transient.counts, 0, 2).astype(kind, order="C")
         held = ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
         return _as_its_source(held, recording)
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
