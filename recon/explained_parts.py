@@ -15,6 +15,8 @@ SEED = 20180305
 BITS, MOST = np.uint64(63), 2**64 - 1
 MOST_PHOTONS, ROUNDING = 2.0**18, 1e-6
 """In one bin, of counts in an unknown unit, and by how much float32 may miss a whole one: more would pass for whole."""
+PLANES = 64
+"""Of one time each, looked at together: some memory, whatever the record."""
 EXACT = 2.0**24
 """From here on every float32 is a whole number, photons or not."""
 
@@ -99,8 +101,9 @@ def photon_unit_of_sums(transient: Transient, joined: int) -> float:
 
 def _difference(transient: Transient, order: int) -> float:
     """The mean square of differences along time over the mean count; 0 where there is nothing."""
-    chosen = transient.counts[:, transient.exposure_s > 0]
-    chosen = chosen[:, :: max(1, chosen.shape[1] // 512)]
+    row, col = np.nonzero(transient.exposure_s > 0)
+    some = slice(None, None, max(1, len(row) // 512))
+    chosen = transient.counts[:, row[some], col[some]]
     mean = float(chosen.mean(dtype=np.float64))
     if len(chosen) <= order or mean <= 0:
         return 0.0
@@ -121,7 +124,8 @@ def are_multiples(counts: npt.NDArray[np.float32], unit: float) -> bool:
     """Whether every number is a whole multiple of `unit`, as far as float32 can tell, and none is below 0."""
     if not (counts >= 0).all() or not counts.max() < EXACT * unit:
         return False
-    for part in (counts[:, :1], counts):  # what are none mostly show it in their first
+    firsts, planes = counts[:, :1], (counts[at : at + PLANES] for at in range(0, len(counts), PLANES))
+    for part in (firsts, *planes):  # what are none mostly show it in their first
         steps = part / np.float32(unit)
         if not (np.abs(steps - np.rint(steps)) <= np.minimum(ROUNDING * steps, 0.25)).all():
             return False

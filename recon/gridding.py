@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+_BINS = 64
 HOLE_SPACINGS, HOLE_OF_WALL = 8.0, 0.25
 """A triangle with a side longer than both, in spacings of the samples and in parts of the wall, is a hole."""
 
@@ -60,10 +61,13 @@ def grid_samples(
     merge = scipy.sparse.csr_array(
         (np.ones(len(pixel), np.float32), (pixel, np.arange(len(pixel)))), (points, len(pixel))
     )
-    summed = np.asarray(merge @ counts[measured].astype(np.float32))  # (H * W, T)
-    cube = np.ascontiguousarray(summed.T).reshape(time.bins, wall.rows, wall.cols)
+    cube, taken = np.empty((time.bins, points), dtype=np.float32), np.flatnonzero(measured)
+    for first in range(0, time.bins, _BINS):  # a copy of all counts would take as much memory once more
+        some = slice(first, first + _BINS)
+        cube[some] = (merge @ counts[taken, some].astype(np.float32)).T
     on_grid_s = np.bincount(pixel, weights=exposure_s[measured], minlength=points)
-    return Transient(cube, on_grid_s.astype(np.float64).reshape(wall.rows, wall.cols), wall, time)
+    shape = wall.rows, wall.cols
+    return Transient(cube.reshape(-1, *shape), on_grid_s.astype(np.float64).reshape(shape), wall, time)
 
 
 def confidence(exposure_s: Floats) -> npt.NDArray[np.float32]:

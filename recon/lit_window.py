@@ -29,7 +29,7 @@ def lit_window(transient: Transient, farthest_m: float = 0.0) -> Transient:
     if time.bins < 2 * _FEWEST_BINS or not measured.any():
         return transient
     weight = np.where(measured, 1 / np.maximum(transient.exposure_s, 1e-30), 0.0)
-    mean = np.tensordot(transient.counts, weight, axes=([1, 2], [0, 1])) / measured.sum()
+    mean = np.einsum("thw,hw->t", transient.counts, weight, dtype=np.float64) / measured.sum()
     bins, begins = time.bins, time.start_s / time.bin_width_s
     begins += float(np.argmax(mean > 0.1 * mean.max()))
     farthest = (2 * farthest_m / SPEED_OF_LIGHT_M_PER_S - time.start_s) / time.bin_width_s

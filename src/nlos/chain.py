@@ -3,17 +3,18 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.unchanged import unchanged
 from nlos.bench_constants import correcting_constants
-from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
+from nlos.calibration.correct import CorrectedPoints, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.raw_points import from_transient
+from nlos.calibration_told import IF_RECTIFIED, tell_calibration
 from nlos.cli.escaped import escaped
 from nlos.direct_cut import cut_direct, tell_of_tail, without_first
 from nlos.direct_times import DirectTimes
@@ -39,10 +40,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-IF_RECTIFIED = (
-    "If time 0 is the wall already and direct light is gone, say --rectified (in Python rectified=True): nothing is "
-    "aligned then."
-)
 FIRST_STAGE, STAGES = "reading", 4
 """A file is read, calibrated, reconstructed and drawn."""
 
@@ -69,7 +66,7 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
         raw = scan.points
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
-    _tell_calibration(done, log.log)
+    tell_calibration(done, log.log)
     offsets = done.offsets
     return None if offsets is None else DirectTimes(offsets, done.known(offsets.offset_bins), places)
 
@@ -111,7 +108,7 @@ def _calibrated(
         points = scan.points
         if scan.rectified and scan.direct_cut_bins is not None:
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
-        with _or_rectified(scan):
+        with _or_rectified(_rectified_told(scan)):
             done = correct_points(
                 points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None,
                 known=None if scan.rectified or arrivals is None else arrivals.of(points),
@@ -121,7 +118,7 @@ def _calibrated(
             tell_of_tail(points.counts.T, scan.direct_cut_bins or 0, points.time.bin_width_s, tell)
         elif arrivals is None:
             hear(done)
-            _tell_calibration(done, tell)
+            tell_calibration(done, tell)
         gridded = grid_samples(
             scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
         )
@@ -143,10 +140,10 @@ def _calibrated(
         if of_a_whole is None:
             tell_of_light_left_out(done_by.points, tell)
         return done_by.transient, None if of_a_whole is None else of_a_whole.response
-    with _or_rectified(scan):
+    with _or_rectified(_rectified_told(scan)):
         corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)
-    _tell_calibration(corrected.points, tell)
+    tell_calibration(corrected.points, tell)
     return corrected.transient, _own(corrected.points)
 
 
@@ -176,54 +173,19 @@ def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":
     return None if points.offsets is None else points.offsets.response
 
 
+def _rectified_told(scan: LoadedScan) -> bool:
+    return scan.rectified or bool(scan.devices)
+
+
 @contextmanager
-def _or_rectified(scan: LoadedScan) -> Iterator[None]:
+def _or_rectified(told: bool) -> Iterator[None]:
     """Where another program's scan cannot be aligned, it may need no alignment: the error says how to say so."""
     try:
         yield
     except (NoDirectPeak, NothingBehind, NoLight) as error:
-        if scan.rectified or scan.devices or isinstance(error, ShutterClosed):
+        if told or isinstance(error, ShutterClosed):
             raise
         raise type(error)(f"{error} {IF_RECTIFIED}") from error
-
-
-def _tell_calibration(done: CorrectedPoints, tell: Tell) -> None:
-    _tell_arrivals(done.report(), tell)
-    tell_of_light_left_out(done, tell)
-
-
-def _tell_arrivals(report: Report, tell: Tell) -> None:
-    rms_bins, points = report["offset_rms_bins"], report["points"]
-    assert isinstance(points, int)
-    if report["arrivals_known"]:
-        tell(logging.INFO, "calibrated: by the constants' arrivals, as no direct light was found in the scan itself")
-        return
-    if not isinstance(rms_bins, float):
-        spread_bins = report["arrival_spread_bins"]
-        if points >= 9 and isinstance(spread_bins, float) and spread_bins < 1:
-            tell(
-                logging.INFO,
-                "calibrated: direct light arrives at all %d points at the same time, which is taken for time 0", points,
-            )  # fmt: skip
-        elif points >= 9:
-            tell(
-                logging.INFO,
-                "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own",
-                points,
-            )
-        return
-    masked_ns = report["direct_masked_ns"]
-    masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
-    tell(logging.INFO, "calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
-    if not report["on_a_plane"]:
-        tell(
-            logging.WARNING,
-            "arrivals scatter by %.0f ps about a plane wall. Is the wall plane, does the time window hold its direct "
-            "light, or is a hidden object brighter than that (a gated detector)? `nlos calibrate` draws them. Then "
-            "time 0 has to be told: --constants of a scan with direct light, or --set offsets=file. %s",
-            report["offset_rms_ps"],
-            IF_RECTIFIED,
-        )
 
 
 def reconstruct_scan(
@@ -235,6 +197,24 @@ def reconstruct_scan(
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed, a frame by the direct light of the `whole` one; the falloff that its file
     states is used unless the settings say another."""
+    return _pictured(_calibrated_for(scan, recipe, stage, whole), stage)
+
+
+@dataclass(frozen=True)
+class _Calibrated:
+    """What a picture is made of. What was recorded is not in it: a method needs the memory."""
+
+    transient: "Transient"
+    recipe: Recipe
+    falloff: int | None
+    left_aside: int
+    rectified_told: bool
+    """Whether a user, or the file, knows if it is rectified."""
+
+
+def _calibrated_for(
+    scan: LoadedScan, recipe: Recipe, stage: Callable[[str], None], whole: LoadedScan | None
+) -> _Calibrated:
     chosen = dict(recipe.settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
@@ -245,10 +225,16 @@ def reconstruct_scan(
     known = constants_for(scan, recipe.constants)
     arrivals = None if whole is None else arrivals_of(whole, known)
     transient = calibrate_scan(scan, offsets == "file", known, arrivals)
-    stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
-    with _or_rectified(scan):
-        made = reconstruct_transient(transient, replace(recipe, settings=chosen), scan.falloff)
-    return replace(made, left_aside=scan.left_aside)
+    recipe = replace(recipe, settings=chosen)
+    return _Calibrated(transient, recipe, scan.falloff, scan.left_aside, _rectified_told(scan))
+
+
+def _pictured(done: _Calibrated, stage: Callable[[str], None]) -> "Reconstruction":
+    wall, time = done.transient.wall, done.transient.time
+    stage(f"{done.recipe.method} on {wall.rows} x {wall.cols} x {time.bins}")
+    with _or_rectified(done.rectified_told):
+        made = reconstruct_transient(done.transient, done.recipe, done.falloff)
+    return replace(made, left_aside=done.left_aside)
 
 
 def reconstruct_transient(transient: "Transient", recipe: Recipe, falloff: float | None = None) -> "Reconstruction":
@@ -285,7 +271,9 @@ def reconstruct_file(
     frames = None if frame is None else range(frame, frame + 1)
     with unchanged(run, grows=True):
         scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
-    made = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
+    done = _calibrated_for(scan, recipe.limited_to(results.depth_m), stage, whole)
+    del scan, whole
+    made = _pictured(done, stage)
     limited = made if results.depth_m is None else within_depths(made, *results.depth_m)
     result = replace(limited, scan=escaped(run.name), frame=frame)
     stage("drawing")

@@ -191,17 +191,16 @@ def _rows(recording: Recording, frames: range | None) -> range:
 
 def _load_recording(recording: Recording, frames: range | None) -> LoadedScan:
     """A recording on a grid."""
-    rows = _rows(recording, frames)
+    _rows(recording, frames)
     transient = recording.transient(frames)
     sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
-    for start, counts, intact in recording.blocks(rows.start, rows.stop):
-        records = recording.records[start : start + len(counts)][intact]
-        if frames is not None:
-            frame = recording.plan.pass_[records["number"]]
-            records = records[(frame >= frames.start) & (frame < frames.stop)]
-        place = recording.plan.positions.row[records["number"]], recording.plan.positions.col[records["number"]]
-        np.add.at(sync_count, place, records["sync_count"])
-        np.add.at(total_count, place, records["total_count"])
+    records = recording.intact_records()
+    if frames is not None:
+        frame = recording.plan.pass_[records["number"]]
+        records = records[(frame >= frames.start) & (frame < frames.stop)]
+    place = recording.plan.positions.row[records["number"]], recording.plan.positions.col[records["number"]]
+    np.add.at(sync_count, place, records["sync_count"])
+    np.add.at(total_count, place, records["total_count"])
     return as_recorded(recording, transient, sync_count, total_count)
 
 

@@ -63,15 +63,17 @@ def _one(
         with open_checked(run) as recording:
             said = scan_part(recording)
         scan = load_scan(run)
+    falloff = scan.falloff
     made: list[Reconstruction] = []
     quality = calibration = trouble = ""
     try:
         transient, quality, calibration = calibrated(scan, constants_for(scan, None))
+        del scan  # methods need the memory
         for method in methods:
             terminal.log(f"{run}: {method}")
             settings: dict[str, object] = {}
-            if scan.falloff is not None and knows_falloff[method]:
-                settings["falloff"] = scan.falloff
+            if falloff is not None and knows_falloff[method]:
+                settings["falloff"] = falloff
             made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=escaped(run.name)))
     except (CalibrationError, *NO_PICTURE) as error:
         terminal.log(f"{run}: no picture: {error}", -1)

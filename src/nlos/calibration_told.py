@@ -1,0 +1,52 @@
+"""What is said of a scan's calibration: how well direct light tells its time 0, and what to do where it does not."""
+
+import logging
+
+from nlos.calibration.correct import CorrectedPoints, Report
+from nlos.light_left_out import tell_of_light_left_out
+from nlos.said_once import Tell
+
+IF_RECTIFIED = (
+    "If time 0 is the wall already and direct light is gone, say --rectified (in Python rectified=True): nothing is "
+    "aligned then."
+)
+
+
+def tell_calibration(done: CorrectedPoints, tell: Tell) -> None:
+    """How well a scan was aligned, and what light of it is not used."""
+    _tell_arrivals(done.report(), tell)
+    tell_of_light_left_out(done, tell)
+
+
+def _tell_arrivals(report: Report, tell: Tell) -> None:
+    rms_bins, points = report["offset_rms_bins"], report["points"]
+    assert isinstance(points, int)
+    if report["arrivals_known"]:
+        tell(logging.INFO, "calibrated: by the constants' arrivals, as no direct light was found in the scan itself")
+        return
+    if not isinstance(rms_bins, float):
+        spread_bins = report["arrival_spread_bins"]
+        if points >= 9 and isinstance(spread_bins, float) and spread_bins < 1:
+            tell(
+                logging.INFO,
+                "calibrated: direct light arrives at all %d points at the same time, which is taken for time 0", points,
+            )  # fmt: skip
+        elif points >= 9:
+            tell(
+                logging.INFO,
+                "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own",
+                points,
+            )
+        return
+    masked_ns = report["direct_masked_ns"]
+    masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
+    tell(logging.INFO, "calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
+    if not report["on_a_plane"]:
+        tell(
+            logging.WARNING,
+            "arrivals scatter by %.0f ps about a plane wall. Is the wall plane, does the time window hold its direct "
+            "light, or is a hidden object brighter than that (a gated detector)? `nlos calibrate` draws them. Then "
+            "time 0 has to be told: --constants of a scan with direct light, or --set offsets=file. %s",
+            report["offset_rms_ps"],
+            IF_RECTIFIED,
+        )
