@@ -23,7 +23,7 @@ from nlos.calibration.errors import NoDirectPeak
 from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.known_arrivals import bins_left, known_arrival_bins, require_arrivals
 from nlos.calibration.known_direct import KnownDirect
-from nlos.calibration.light_of_pulse_before import without_light_of_pulse_before
+from nlos.calibration.light_of_pulse_before import dark_stretch
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import measure_time_offsets
@@ -127,8 +127,8 @@ def correct_points(
     raw.check(cut_tops=not rectified)
     if constants is None or constants.dead_time_s is None:
         doubt_pile_up(raw)
-    counts, variance = undo_dead_time(raw, constants)
-    offsets: TimeOffsets | None = None
+    undone, variance = undo_dead_time(raw, constants)
+    counts, offsets = undone, None
     if rectified:
         arrival = np.full(len(counts), -raw.time.start_s / raw.time.bin_width_s)
     elif known is not None:
@@ -144,13 +144,13 @@ def correct_points(
         if constants is not None and constants.arrivals is not None and not (offsets and offsets.on_a_plane):
             offsets, arrival = None, known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
     lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
-    counts = subtract_dark(counts, raw, constants)
-    dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
-    background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
-    if offsets is not None and np.array_equal(counts, raw.counts):  # else what was undone is not that well known
-        background = without_light_of_pulse_before(background, counts, arrival + lead_s / raw.time.bin_width_s)
-    elif known is not None and known.ambient is not None:
-        background = in_stretch(counts, arrival + lead_s / raw.time.bin_width_s, known.ambient)
+    counts = subtract_dark(undone, raw, constants)
+    begin, dark_end = arrival + lead_s / raw.time.bin_width_s, arrival - max(2.0, lead_s / raw.time.bin_width_s)
+    dark_end = np.where(np.isfinite(arrival), dark_end, 0)
+    ambient = None if known is None else known.ambient
+    if offsets is not None:
+        ambient = dark_stretch(undone, raw.counts, dark_end, begin)
+    background = before_pulse(counts, dark_end) if ambient is None else in_stretch(counts, begin, ambient)
     timed = _Timed(counts, variance, arrival, background, offsets)
     done = _finish(raw, timed, remove_direct=remove_direct)
     second = None if known is None else known.second
@@ -175,9 +175,8 @@ def correct(
     total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
     """`correct_points` for a scan on a grid; `sync_count` and `total_count` are (H, W)."""
-    raw = raw_points.from_transient(transient, sync_count, total_count)
+    raw, wall = raw_points.from_transient(transient, sync_count, total_count), transient.wall
     done = correct_points(raw, constants, rectified=rectified, known=known)
-    wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
     return Corrected(
         Transient(
@@ -224,8 +223,8 @@ def _finish(
     known: BenchConstants | None = None,
     *,
     remove_direct: bool = True,
-    bins: int | None = None,
     mask_close: bool = True,
+    bins: int | None = None,
 ) -> CorrectedPoints:
     """Alignment, background and direct light, the last as it is `known`, else looked for."""
     arrival, background, offsets = timed.arrival, timed.background, timed.offsets
@@ -279,8 +278,8 @@ def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets:
 
 def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoints:
     """`_finish` without a second pulse."""
-    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
-    return replace(_finish(raw, replace(timed, counts=counts, variance=variance)), second=second)
+    light = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
+    return replace(_finish(raw, replace(timed, counts=light[0], variance=light[1])), second=second)
 
 
 def _as_whole(done: CorrectedPoints, known: KnownDirect, end_bin: int) -> CorrectedPoints:

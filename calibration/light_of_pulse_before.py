@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import numpy.typing as npt
 
-from nlos.calibration.background import Background, in_stretch
+from nlos.calibration.background import before_pulse
 from nlos.calibration.by_blocks import sums_from
 
 Floats = npt.NDArray[np.float64]
@@ -25,16 +25,20 @@ _BRIGHTER = 1.25
 """Even light is as even as that."""
 _SURE = 5.0
 """Standard errors."""
+_UNDONE = 0.5
+"""Of what is missing may be due to what was undone."""
 
 
-def without_light_of_pulse_before(
-    background: Background, counts: npt.NDArray[np.generic], begin_bins: Floats
-) -> Background:
-    """The background of points (N,); by the darkest stretch of `counts` (N, T) from `begin_bins` (N,) on over all
-    points where that is less, which is warned of. Behind the laser's period, or a gate, nothing is told (`_open`).
-    """
+def dark_stretch(
+    counts: npt.NDArray[np.generic], recorded: npt.NDArray[np.generic], end_bins: Floats, begin_bins: Floats
+) -> tuple[int, int] | None:
+    """First bin and end of the darkest stretch of `counts` (N, T) from `begin_bins` (N,) on over all points, where that
+    is darker than before `end_bins` (N,), which is warned of; else None. Behind the laser's period, or a gate, nothing
+    is told (`_open`), nor what is in the `recorded` counts (N, T) hardly, or twice as much: undoing a dead time that is
+    not that well known makes it."""
     points, bins = counts.shape
     edges = np.linspace(0, bins, max(min(_STRETCHES, bins // _PARTS), 1) * _PARTS + 1).astype(int)
+    background = before_pulse(counts, end_bins)
     behind = np.isfinite(begin_bins) & np.isfinite(background.error)
     whole = np.repeat(behind & (np.nan_to_num(begin_bins)[:, None] <= edges[:-1:_PARTS]).T, _PARTS, axis=0)
     held = sums_from(counts, edges[:-1]).T  # (parts, N), as `whole`
@@ -43,18 +47,25 @@ def without_light_of_pulse_before(
     tells = (whole[::_PARTS].sum(axis=1) > points / 4) & _open(there, due)
     expected, seen = (each.reshape(-1, _PARTS).sum(axis=1) for each in (due, there))  # (stretches,)
     if not tells.any():
-        return background
+        return None
     darkest = int(np.argmin(np.where(tells, seen / np.maximum(expected, 1e-30), np.inf)))
-    share = float(seen[darkest] / expected[darkest])
-    if expected[darkest] - seen[darkest] < _SURE * np.sqrt(expected[darkest]) or share * _BRIGHTER > 1:
-        return background
+    share, fewer = float(seen[darkest] / expected[darkest]), float(expected[darkest] - seen[darkest])
+    if fewer < _SURE * np.sqrt(expected[darkest]) or share * _BRIGHTER > 1:
+        return None
+    stretch = int(edges[darkest * _PARTS]), int(edges[(darkest + 1) * _PARTS])
+    if recorded is not counts:
+        some = whole[darkest * _PARTS]
+        per_bin = before_pulse(recorded[some], end_bins[some]).per_bin.sum()
+        in_recorded = per_bin * (stretch[1] - stretch[0]) - recorded[some, slice(*stretch)].sum(dtype=np.float64)
+        if abs(fewer - in_recorded) > _UNDONE * fewer:
+            return None
     log.warning(
         "before the direct light it is %.2g times as bright as in the darkest stretch behind it, which is taken for "
         "ambient light instead. Light that comes so late that the next pulse overtakes it does that (a slower laser "
         "shows where from), and a detector that is still blind behind a bright pulse.",
         1 / share,
     )
-    return in_stretch(counts, begin_bins, (int(edges[darkest * _PARTS]), int(edges[(darkest + 1) * _PARTS])))
+    return stretch
 
 
 def _open(seen: Floats, expected: Floats) -> npt.NDArray[np.bool_]:

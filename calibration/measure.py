@@ -142,7 +142,7 @@ def measure_constants(
         response=offsets.response,
         direct_shape=corrected.direct.shape,
         direct_end_bin=corrected.direct.end_bin,
-        ambient_hz=ambient_rate(raw, offsets, found),
+        ambient_hz=ambient_rate(raw, offsets, found, corrected.background.stretch),
         geometry=fit.geometry if fit else None,
         geometry_errors=fit.errors if fit else {},
     )
@@ -205,13 +205,19 @@ def measure_click_after_click(raw: RawPoints, response: ImpulseResponse | None =
         return None
 
 
-def ambient_rate(raw: RawPoints, offsets: TimeOffsets, constants: BenchConstants) -> Quantity | None:
-    """Clicks per second that neither laser nor dark counts make, from the bins before the direct pulse; None without
-    laser pulse counts or without such bins."""
+def ambient_rate(
+    raw: RawPoints, offsets: TimeOffsets, constants: BenchConstants, stretch: tuple[int, int] | None = None
+) -> Quantity | None:
+    """Clicks per second that neither laser nor dark counts make, from the bins before the direct pulse, or those of a
+    `stretch` behind it that is darker; None without laser pulse counts or without such bins."""
     lead = max(2.0, 2 * -offsets.response.start_s / raw.time.bin_width_s)
     good = np.isfinite(offsets.offset_bins) & (raw.exposure_s > 0) & (raw.sync_count > 0)
     clicks = undo_dead_time(raw, constants)[0]
-    quiet = quiet_before(clicks, np.where(good, offsets.offset_bins - lead, 0.0))
+    if stretch is None:
+        quiet = quiet_before(clicks, np.where(good, offsets.offset_bins - lead, 0.0))
+    else:
+        quiet = np.zeros(clicks.shape, dtype=bool)
+        quiet[good & (offsets.offset_bins + lead <= stretch[0]), slice(*stretch)] = True
     opened_s = float((quiet.sum(axis=1) * raw.time.bin_width_s * raw.sync_count).sum())
     if not opened_s > 0:
         return None

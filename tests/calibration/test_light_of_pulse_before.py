@@ -8,7 +8,9 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.constants import Quantity
 from nlos.calibration.correct import correct_points
+from nlos.calibration.measure import KnownBefore, measure_constants
 from nlos.calibration.raw_points import RawPoints
 
 SIDE, BINS, WIDTH_S, AMBIENT = 14, 400, 32e-12, 0.3
@@ -42,6 +44,37 @@ def test_light_that_the_next_pulse_overtakes_is_not_subtracted_as_ambient_light(
         done = correct_points(scan(3.0))
     assert "the next pulse overtakes it" in caplog.text
     assert float(done.background.per_bin.mean()) == pytest.approx(AMBIENT, rel=0.15)
+
+
+@pytest.mark.parametrize("dead_time_s", [None, 77e-9])
+@pytest.mark.parametrize("dark_per_bin", [None, 0.1])
+def test_nor_where_the_benchs_constants_are_known_and_those_hold_ambient_light_alone(
+    dead_time_s: float | None, dark_per_bin: float | None
+) -> None:
+    raw = scan(3.0)
+    pulses = np.full(SIDE**2, 80e6)
+    raw = replace(raw, sync_count=pulses, total_count=raw.counts.sum(axis=1, dtype=np.float64))
+    shut = np.random.default_rng(8).poisson(dark_per_bin or 0.0, raw.counts.shape)
+    dark = replace(raw, counts=shut, total_count=shut.sum(axis=1, dtype=np.float64))
+    known = KnownBefore(dead_time=Quantity(dead_time_s, 1e-9) if dead_time_s else None)
+    runs = [raw] if dark_per_bin is None else [raw, dark]
+    found = measure_constants(runs, devices={}, sources=["run"] * len(runs), measured_utc="", known=known).constants
+    ambient = AMBIENT - (dark_per_bin or 0.0)
+    assert found.ambient_hz is not None
+    assert found.ambient_hz.value == pytest.approx(ambient / WIDTH_S / 80e6, rel=0.2)
+    done = correct_points(raw, found)
+    assert float(done.background.per_bin.mean()) == pytest.approx(ambient, rel=0.2)
+
+
+def test_a_detector_that_is_blind_behind_the_pulse_is_no_late_light(caplog: pytest.LogCaptureFixture) -> None:
+    raw = scan(0.0, 3.0)
+    pulses = np.full(SIDE**2, 8000.0)
+    live = np.exp(-np.cumsum(raw.counts, axis=1) / pulses[:, None])  # one click a pulse
+    seen = np.random.default_rng(9).binomial(raw.counts, live)
+    raw = replace(raw, counts=seen, sync_count=pulses, total_count=seen.sum(axis=1, dtype=np.float64))
+    with caplog.at_level(logging.WARNING):
+        correct_points(raw)
+    assert "overtakes" not in caplog.text
 
 
 @pytest.mark.parametrize("ambient", [0.0, 0.01, 0.3, 3.0])
