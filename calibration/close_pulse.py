@@ -1,17 +1,16 @@
 """A second pulse so close behind the direct one that they overlap: a laser that pulses twice, or light thrown back in
 the optics. It is the same share of the direct light at every point; light of a scene so near the wall is not."""
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
-log = logging.getLogger(__name__)
 _WIDTHS = 6
 """Full widths at half maximum behind the direct pulse: what comes later is for `second_pulse` ..."""
 _LATEST_S = 0.6e-9
@@ -69,7 +68,7 @@ def close_pulse(counts: Counts, smooth: Floats, between: tuple[int, int], bin_wi
 def doubt_close_pulse(found: ClosePulse | None) -> None:
     """Says where it is and what is done about it."""
     if found is not None:
-        log.warning(
+        warn(
             "a second pulse comes %.2f ns behind the direct one, at every point about %.2g %% as bright: a laser that "
             "pulses twice, or light thrown back between lens and detector. It is masked with the direct light; what is "
             "hidden is seen once more %.1f cm behind itself. If neither is so, it is a surface so near the wall, as "

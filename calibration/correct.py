@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
@@ -97,17 +96,6 @@ class Corrected:
     def report(self) -> Report:
         """See `CorrectedPoints.report`."""
         return self.points.report()
-
-
-@dataclass(frozen=True)
-class CorrectedSample:
-    """One sample, corrected by known constants. `counts` and `usable` as in `CorrectedPoints`, for one point."""
-
-    point: ScanPoint
-    counts: npt.NDArray[np.float32]  # (T,)
-    usable: npt.NDArray[np.bool_]  # (T,)
-    exposure_s: float
-    time: TimeAxis
 
 
 def correct_points(
@@ -199,13 +187,6 @@ def correct_known(raw: RawPoints, constants: BenchConstants, bins: int | None = 
     return _finish(raw, _Timed(counts, variance, arrival, background, None), constants, bins=bins)
 
 
-def correct_sample(sample: Sample, constants: BenchConstants, bins: int) -> CorrectedSample:
-    """`correct_known` for one sample: what a live scan is corrected by. `bins`: length of every corrected histogram,
-    see `common_bins`."""
-    done = correct_known(raw_points.from_sample(sample), constants, bins)
-    return CorrectedSample(sample.point, done.counts[0], done.usable[0], float(done.exposure_s[0]), done.time)
-
-
 @dataclass(frozen=True)
 class _Timed:
     """Histograms without dead time, not yet shifted, and when direct light arrives in each."""
@@ -295,8 +276,11 @@ def _as_whole(done: CorrectedPoints, known: KnownDirect, end_bin: int) -> Correc
 
 def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> CorrectedPoints:
     """The same of a wall that is as bright everywhere."""
-    hidden = HiddenLight(done.counts, done.variance, done.usable, done.exposure_s, raw.x_m, raw.y_m)
-    found = wall_brightness(hidden, offsets)
+    direct = np.where(offsets.found, offsets.direct_counts, 0.0)
+    hidden = HiddenLight(done.counts, done.variance, done.usable, done.exposure_s, direct, raw.x_m, raw.y_m)
+    if offsets.wall is None or not offsets.on_a_plane:
+        return done
+    found = wall_brightness(hidden, offsets.wall.scanner_position_m)
     if found is None:
         return done
     doubt_wall_brightness(found)

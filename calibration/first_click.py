@@ -1,7 +1,6 @@
 """Pile-up where nobody knows the dead time: of a laser pulse the first photon clicks, and the rest of the record is
 blind. It holds for every dead time that outlasts the record and is over before the next pulse, whatever it is."""
 
-import logging
 from dataclasses import dataclass
 from enum import Enum
 from weakref import WeakKeyDictionary
@@ -13,10 +12,10 @@ from nlos.acquisition.digits import plus_minus
 from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.calibration.constants import Quantity
 from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
-log = logging.getLogger(__name__)
 _POINTS = 64
 """So many at a time: what is kept of each is a dozen histograms."""
 _LEAD_S = 1e-9
@@ -136,7 +135,7 @@ def doubt_pile_up(raw: RawPoints) -> None:
         made = f"It is undone as of {plus_minus(time_ns, error_ns)} ns ({found.blindness.value})"
     else:
         made = f"It is not undone ({found.blindness.value}), and direct light seems to come early"
-    log.warning(
+    warn(
         "%s clicked for %.0f %% of its laser pulses: early light hides later light, and the detector's dead time is "
         "not known. %s. Calibrate with --dead-time-ns, or attenuate the light.",
         raw.name(point), 100 * share[point], made,

@@ -1,16 +1,14 @@
 """Hidden light of the pulse before, which comes so late that it is recorded before the present one: it is no ambient
 light, though it comes where that is measured."""
 
-import logging
-
 import numpy as np
 import numpy.typing as npt
 
 from nlos.calibration.background import before_pulse
 from nlos.calibration.by_blocks import sums_from
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
-log = logging.getLogger(__name__)
 _STRETCHES = 16
 """Of the record, of which the darkest behind the pulse tells."""
 _PARTS = 4
@@ -59,7 +57,7 @@ def dark_stretch(
         in_recorded = per_bin * (stretch[1] - stretch[0]) - recorded[some, slice(*stretch)].sum(dtype=np.float64)
         if abs(fewer - in_recorded) > _UNDONE * fewer:
             return None
-    log.warning(
+    warn(
         "before the direct light it is %.2g times as bright as in the darkest stretch behind it, which is taken for "
         "ambient light instead. Light that comes so late that the next pulse overtakes it does that (a slower laser "
         "shows where from), and a detector that is still blind behind a bright pulse.",

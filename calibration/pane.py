@@ -1,18 +1,16 @@
 """A pane before the wall: glass or a film that light passes there and back. Where it scatters as much as the wall, its
 pulse is taken for direct light; the wall's comes later, as sharp, and as plane."""
 
-import logging
-
 import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.arrival_rounds import PLANE_S, TimeOffsets
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
 _TWICE = 2.0
 """How much worse a plane behind the corner has to explain the two pulses than a pane does."""
-log = logging.getLogger(__name__)
 
 
 def is_pane(first: TimeOffsets, second: TimeOffsets, x_m: Floats, y_m: Floats) -> bool:
@@ -39,12 +37,12 @@ def is_pane(first: TimeOffsets, second: TimeOffsets, x_m: Floats, y_m: Floats) -
         return False
     before_m, later_ns = float(np.mean(place[2])), float(np.mean(lag)) * width_s * 1e9
     if off_hidden.std() < _TWICE * off_pane.std():
-        log.warning(
+        warn(
             "two pulses come from nearly every point, the later %.2f ns behind the first and as sharp. If there "
             "is glass %.2f m before the wall, time zero is the glass's: move it, or aim past it.", later_ns, before_m,
         )  # fmt: skip
         return False
-    log.warning(
+    warn(
         "something flat %.2f m before the wall (glass?) scatters about as much light as the wall: of two pulses from "
         "every point, %.2f ns apart, the later is taken for the wall's. Move it, or aim past it.", before_m, later_ns,
     )  # fmt: skip

@@ -2,7 +2,6 @@
 comes as late at every point, and whatever is hidden is seen once more behind itself. Told, and taken out
 (`without_second_pulse.py`) where no surface would do the same."""
 
-import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +10,10 @@ import numpy.typing as npt
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.impulse_response import ImpulseResponse
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.floating]
-log = logging.getLogger(__name__)
 _WIDTHS = 4
 """So many full widths of the response to each side of a bin tell what is below a pulse there."""
 _LEAST_BINS = 6
@@ -192,7 +191,7 @@ def doubt_second_pulse(found: SecondPulse | None) -> None:
         else f"What is hidden is seen once more {behind_m:.2f} m behind itself, the pulse as a haze about there. If "
         "neither is so, it is a surface as far from every point."
     )
-    log.warning(
+    warn(
         "a second pulse comes %.2f ns after the direct one at every point, as sharp and %.2g %% as bright: a laser "
         "that pulses twice, or light thrown back between lens and detector. %s",
         found.lag_s * 1e9, 100 * found.share, does,

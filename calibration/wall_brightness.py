@@ -2,17 +2,15 @@
 square of what direct light does; taken for the scene's own, that is another picture. Also light that differs once from
 point to point: a laser's power, dwells that nobody stored."""
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.calibration.arrival_rounds import TimeOffsets
+from nlos.calibration.told import warn
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]
-log = logging.getLogger(__name__)
 _NEIGHBOURS = 4
 _AROUND = 0.25
 """Of their distance, by which the middle of a point's neighbours may lie beside it: even changes are none then."""
@@ -38,6 +36,8 @@ class HiddenLight:
     variance: npt.NDArray[np.floating]  # (N, T)
     usable: npt.NDArray[np.bool_]  # (N, T)
     exposure_s: Floats  # (N,)
+    direct_counts: Floats
+    """(N,); 0 where direct light was not found."""
     x_m: Floats  # (N,)
     y_m: Floats
 
@@ -54,17 +54,18 @@ class WallBrightness:
     """How many times the tenth brightest point's direct light is the tenth darkest's."""
 
 
-def wall_brightness(done: HiddenLight, offsets: TimeOffsets) -> WallBrightness | None:
+def wall_brightness(done: HiddenLight, scanner_position_m: npt.ArrayLike) -> WallBrightness | None:
     """By points whose direct light differs from that around them, where hidden light does, too; None where it does not
     follow, or direct light changes evenly."""
-    lit = offsets.found & (offsets.direct_counts > 0) & (done.exposure_s > 0) & np.isfinite(done.exposure_s)
-    if lit.sum() <= _NEIGHBOURS or offsets.wall is None or not offsets.on_a_plane:
+    lit = (done.direct_counts > 0) & (done.exposure_s > 0) & np.isfinite(done.exposure_s)
+    if lit.sum() <= _NEIGHBOURS:
         return None
+    direct = done.direct_counts[lit]
     x, y, seconds = done.x_m[lit], done.y_m[lit], done.exposure_s[lit] / np.median(done.exposure_s[lit])
-    right, up, off = offsets.wall.scanner_position_m
-    bright = offsets.direct_counts[lit] / seconds * ((x - right) ** 2 + (y - up) ** 2 + off**2)
+    right, up, off = np.asarray(scanner_position_m, dtype=np.float64)
+    bright = direct / seconds * ((x - right) ** 2 + (y - up) ** 2 + off**2)
     bright /= np.median(bright)
-    at, around = _unlike(bright, offsets.direct_counts[lit], x, y)
+    at, around = _unlike(bright, direct, x, y)
     if len(at) < _FEWEST:
         return None
     when = (done.usable | ~lit[:, None]).all(axis=0)
@@ -76,7 +77,7 @@ def wall_brightness(done: HiddenLight, offsets: TimeOffsets) -> WallBrightness |
     )
     no_chance = np.zeros(len(hidden))
     left = [_left(hidden, chance, bright**power * seconds, no_chance, at, around) for power in (0, 1, 2)]
-    by_chance = 1 / offsets.direct_counts[lit]
+    by_chance = 1 / direct
     once, twice = (_left(hidden, chance, bright**p * seconds, p**2 * by_chance, at, around) for p in (1, 2))
     power = 1 if once < twice else 2
     if not left[0] > _CHANCE or left[power] > _BETTER * left[0]:
@@ -114,7 +115,7 @@ def _left(hidden: Floats, chance: Floats, factor: Floats, of_factor: Floats, at:
 def doubt_wall_brightness(found: WallBrightness) -> None:
     """Says what differs, by how much, and what is done about it."""
     dark = int((found.light == 0).sum())
-    log.warning(
+    warn(
         "direct light is %.2g times as bright at some points as at others, distance aside, and hidden light follows "
         "%s. It is undone, as by longer exposures%s. A wall that is even shows more.",
         found.uneven,

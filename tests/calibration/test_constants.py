@@ -15,14 +15,11 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.checked import all_checked
 from nlos.calibration.constants import BenchConstants, Quantity, load, load_response, save
-from nlos.calibration.correct import (
-    correct_known,
-    correct_points,
-    correct_sample,
-)
+from nlos.calibration.correct import correct_known, correct_points
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.known_arrivals import common_bins, known_arrival_bins
+from nlos.calibration.one_sample import correct_sample
 from nlos.calibration.raw_points import RawPoints
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 from tests.calibration.conftest import RawScan

@@ -1,6 +1,7 @@
 """Samples as they come add up to what the finished recording says, and a scan ends when that is good enough."""
 
 import json
+import logging
 import subprocess
 import time
 from collections.abc import Callable
@@ -13,9 +14,10 @@ import pytest
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.calibration.constants import load
-from nlos.calibration.correct import correct_known
+from nlos.calibration.correct import correct_known, correct_points
 from nlos.calibration.known_arrivals import common_bins
 from nlos.calibration.raw_points import from_samples
+from nlos.calibration.told import told_to
 from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
 from nlos.drivers.clock import SystemClock
@@ -36,6 +38,7 @@ from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
 from nlos.response import AUTO
+from nlos.said_once import SaidOnce
 from nlos.time_left import TimeLeft
 from tests.scan_texts import COARSE_TO_FINE, EIGHT_BY_EIGHT, recorded
 
@@ -65,6 +68,44 @@ def test_samples_corrected_one_by_one_add_up_to_all_corrected_at_once(nlos: Nlos
     assert np.abs(came.counts[:, rows, cols].T - at_once.counts).max() <= 1e-5 * np.abs(at_once.counts).max()
     assert np.allclose(came.exposure_s[rows, cols], at_once.exposure_s, rtol=1e-9, atol=0)
     assert came.time == at_once.time
+
+
+def test_samples_corrected_one_by_one_show_a_wall_as_even_as_the_finished_recording_will(
+    nlos: Nlos, run: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    done = nlos("calibrate", "run.h5", "-o", "constants.h5")
+    assert done.returncode == 0, done.stderr
+    constants = load(tmp_path / "constants.h5")
+    with Recording.open(run) as recording:
+        plan, samples = recording.plan, list(recording.samples())
+    assert constants.arrivals is not None
+    axis, random = plan.axis, np.random.default_rng(4)
+    time_s = axis.offset_s + np.arange(axis.bins) * axis.bin_width_s
+    each, seen = SampleCalibration(plan, constants), []
+    tiles = np.where((np.indices((plan.wall.rows, plan.wall.cols)) // 2).sum(axis=0) % 2, 1.0, 0.4)
+    for sample in samples:
+        point, histogram = sample.point, sample.histogram
+        white, direct_s = tiles[point.row, point.col], float(constants.arrivals.at(point.x_m, point.y_m)) + 0.8e-9
+        counts = random.binomial(histogram.counts, np.where(time_s < direct_s, white, white**2)).astype(np.uint32)
+        seen.append(replace(sample, histogram=replace(histogram, counts=counts)))
+        each.add(seen[-1])
+    with caplog.at_level(logging.WARNING), told_to(SaidOnce()):
+        pictures = [each.transient() for _ in range(3)]
+    assert caplog.text.count("hidden light follows its square") == 1
+    whole = correct_points(from_samples(seen))
+    assert whole.light is not None
+    rows, cols = [s.point.row for s in samples], [s.point.col for s in samples]
+    now, then = (light / np.median(light) for light in (pictures[-1].exposure_s[rows, cols], whole.exposure_s))
+    assert np.std(np.log(now / then)) < 0.12
+    caplog.clear()
+    with Recording.open(run) as recording:
+        gathered = nothing_yet(recording, None, AUTO, False, lambda words: None)
+    for sample in seen:
+        gathered.add(sample)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            gathered.calibrated(whole=False)
+    assert caplog.text.count("hidden light follows its square") == 1
 
 
 @pytest.mark.sampled(2)

@@ -4,6 +4,7 @@ import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from nlos.calibration.told import told_to
 from nlos.live.time_zero import TimeZero
 from nlos.response import ResponseWanted, with_response
 from nlos.said_once import Tell
@@ -46,6 +47,7 @@ def calibrated(
 
     found: list[CorrectedPoints] = []
     told = log.log if whole else tell
-    transient = with_response(calibrate_scan(scan, constants=constants, hear=found.append, tell=told), response)
+    with told_to(told):
+        transient = with_response(calibrate_scan(scan, constants=constants, hear=found.append, tell=told), response)
     zero = TimeZero.of(scan, found[0] if found else None, constants)
     return Calibrated(samples, whole, transient, scan.falloff, zero)

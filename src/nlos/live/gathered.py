@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.recording import Recording, Status
+from nlos.calibration.told import told_to
 from nlos.chain import constants_for
 from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
@@ -98,7 +99,7 @@ class Gathered:
         """What came so far; `whole` once that is all. Raises what calibrating raises."""
         if self.film is not None:
             return self.film.calibrated(whole, self.so_far)
-        with self.lock:
+        with self.lock, told_to(self._tell):
             count, scan = len(self.samples), scan_of(self.empty, self.samples)
             corrected = None if self.each is None or whole else with_response(self.each.transient(), self.response)
         if corrected is None or self.each is None:
