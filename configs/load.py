@@ -94,8 +94,15 @@ def parse(text: str, name: str, model: type[Model]) -> Model:
         # JSON mode is strict about types and still reads lists as tuples and words as enumerations.
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        lines = [_explain(dict(item), data, places, name, model) for item in error.errors(include_url=False)]
+        told = [dict(item) for item in error.errors(include_url=False)]
+        lines = [_explain(item, data, places, name, model) for item in told if not _only_follows(item, told)]
         raise ConfigError("\n".join(dict.fromkeys(lines))) from error
+
+
+def _only_follows(item: dict[str, Any], told: list[dict[str, Any]]) -> bool:
+    """Whether a list is called too short because what is wrong within it was not counted."""
+    within = [other for other in told if len(other["loc"]) > len(item["loc"])]
+    return item["type"] == "too_short" and any(other["loc"][: len(item["loc"])] == item["loc"] for other in within)
 
 
 def where(loaded: Loaded[Model], place: Place) -> str:

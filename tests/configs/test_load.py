@@ -54,6 +54,17 @@ def test_an_unknown_key_is_refused_where_it_stands_with_the_nearest_known_one() 
     )
 
 
+def test_what_is_wrong_within_a_list_does_not_leave_too_few() -> None:
+    class Several(Settings):
+        shapes: tuple[Circle, ...] = Field(min_length=1)
+
+    with pytest.raises(ConfigError) as caught:
+        parse("shapes:\n  - {kind: circle, radius_m: 1.0, width: 3}\n", "demo.yaml", Several)
+    assert str(caught.value) == "demo.yaml:2:35: shapes[0].width: no such key."
+    with pytest.raises(ConfigError, match="shapes: Tuple should have at least 1 item"):
+        parse("shapes: []\n", "demo.yaml", Several)
+
+
 def test_a_key_of_another_branch_is_not_suggested_where_it_is_refused() -> None:
     """Here `rows` is a grid's; nobody is asked whether the very word was meant."""
     message = refusal("dwell_ms: 1.0\nshape: {kind: circle, radius_m: 1.0, rows: 3}\n")
