@@ -69,6 +69,8 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
         file.write(_stating(_stating(head, "TTResult_NumberOfRecords", written // 4), "ImgHdr_MaxFrames", 1))
     notes = [*_of_the_scan(scan), *of_time, *_of_exposures(scan.exposure_s, measured_s, dwell_s)]
     notes.append(f"the laser's period is not known: pulses are written {period_s * 1e9:g} ns apart")
+    if dark := bins - 1 - int(np.flatnonzero(scan.histograms.any(axis=(0, 1))).max(initial=-1)):
+        notes.append(f"the last {dark} bins hold no photon: a PTU ends with its latest one")
     if bright := int((of_point > dwell).sum()):
         notes.append(f"{bright} of {rows * cols} points have more photons than laser pulses: several share one")
     return notes

@@ -24,10 +24,13 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
     Times of a raw scan keep the ways between scanner and wall (`t_accounts_first_and_last_bounces`), which y-tal takes
     off by the scanner's place; `t_start` is the length of a path that would end with the first bin's beginning.
 
-    Raises `InvalidData` for free positions, which y-tal's confocal format does not hold.
+    Raises `InvalidData` for free positions, which y-tal's confocal format does not hold, and for points on one line,
+    which say of no wall how high it is, or how wide.
     """
     if not scan.on_grid:
         raise InvalidData(f"{path}: y-tal's confocal captures need a grid; export free positions to npz")
+    if min(scan.wall.rows, scan.wall.cols) < 2:
+        raise InvalidData(f"{path}: y-tal's captures need 2 x 2 points at least; export a line of points to npz")
     x, y = np.meshgrid(scan.x_m, scan.y_m[::-1], indexing="ij")
     grid = np.stack([x, y, np.zeros_like(x)], axis=2)
     normals = np.zeros_like(grid)

@@ -57,6 +57,24 @@ def test_counts_and_time_axis_come_back(suffix: str, even: bool, tmp_path: Path)
         assert left_behind
 
 
+@pytest.mark.parametrize("shape", [(1, 3), (4, 1)])
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_line_of_points_comes_back_or_is_refused(suffix: str, shape: tuple[int, int], tmp_path: Path) -> None:
+    rows, cols = shape
+    wall = WallGrid(0.4 * cols, 0.225 * rows, rows, cols)
+    line = replace(scan(), histograms=scan().histograms[:rows, :cols], exposure_s=scan().exposure_s[:rows, :cols],
+                   x_m=wall.x_m(), y_m=wall.y_m(), wall=wall)  # fmt: skip
+    path = tmp_path / f"line{suffix}"
+    if suffix == ".hdf5":
+        with pytest.raises(InvalidData, match="2 x 2 points at least"):
+            WRITERS[suffix](line, path)
+        assert not path.exists()
+        return
+    WRITERS[suffix](line, path)
+    back = read_any(path).transient
+    assert np.array_equal(np.moveaxis(back.counts[-100:], 0, 2), line.histograms)
+
+
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_facts_that_a_format_has_no_place_for_are_named(suffix: str, tmp_path: Path) -> None:
     plain = replace(scan(), rectified=True)

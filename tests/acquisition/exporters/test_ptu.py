@@ -172,6 +172,15 @@ def test_points_that_were_not_measured_are_named_and_leave_the_others_exposure(t
     assert not any("differ" in note for note in notes)
 
 
+def test_bins_after_the_last_photon_are_named(tmp_path: Path) -> None:
+    counts = drawn(0.3)
+    counts[:, :, -20:] = 0
+    counts[3, 4, -21] = 1
+    assert any("the last 20 bins hold no photon" in note for note in write_ptu(scan(counts, 1e-3), tmp_path / "a.ptu"))
+    counts[0, 0, -1] = 1
+    assert not any("hold no photon" in note for note in write_ptu(scan(counts, 1e-3), tmp_path / "b.ptu"))
+
+
 def test_an_exposure_below_a_laser_period_is_named(tmp_path: Path) -> None:
     counts = drawn(0.3)
     notes = write_ptu(scan(counts, 1e-9), tmp_path / "scan.ptu")
