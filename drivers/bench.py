@@ -19,7 +19,7 @@ from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.shutter import LaserShutter, NoShutter
-from nlos.drivers.silence import Silence, heard_by
+from nlos.drivers.silence import COROUTINES, Silence, heard_by, takes_turns
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.recorded import RecordedScan
 from nlos.drivers.tcspc.counter import HistogramCounter
@@ -92,6 +92,8 @@ class Bench:
             own.append("this bench has no shutter: nothing here can shut off the light")
         elif not self.shutter.has_watchdog:
             own.append("no watchdog: if the computer freezes or kills this program, the shutter stays open")
+            if takes_turns():
+                own.append(COROUTINES)
         if self.settings.safety.dry_run:
             stays = "the shutter stays closed" if self.settings.shutter_on != "nothing" else (
                 "there is no shutter that it could keep closed, switch the laser off by hand")  # fmt: skip

@@ -1,17 +1,24 @@
 """Light that nobody looks after: shut off where the program that asked for it hangs in a disk, a pipe or a driver.
 
 What a counter's watchdog does in the instrument, a thread does here, for a shutter that no instrument watches. It does
-not help against a crash, SIGKILL and SIGSTOP, or a computer that freezes.
+not help against a crash, SIGKILL and SIGSTOP, or a computer that freezes, nor where threads are no threads.
 """
 
 import contextlib
+import logging
 import threading
 from collections.abc import Callable
+from types import BuiltinFunctionType
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.wire_log import unfailing
 
+_log = logging.getLogger(__name__)
+COROUTINES = (
+    "this program's threads are coroutines (gevent, eventlet): if one of them hangs, the shutter stays open. Scan in a "
+    "program without."
+)
 _LOOKS = 8
 """So often within the longest silence somebody looks."""
 
@@ -42,6 +49,8 @@ class Silence:
         """Light comes on."""
         self._heard_s, self._lit = self._clock.now(), True
         if self._thread is None and self._clock.passes_by_itself:
+            if takes_turns():
+                _log.warning(COROUTINES)
             self._thread = threading.Thread(target=self._watch, name="light without a sign of life", daemon=True)
             self._thread.start()
 
@@ -69,6 +78,11 @@ class Silence:
             if self._look():
                 with contextlib.suppress(Exception):  # it is tried again, whatever the failure
                     self.shut()
+
+
+def takes_turns() -> bool:
+    """Whether this program's threads are coroutines (gevent, eventlet): while one hangs, none of the others runs."""
+    return not isinstance(threading.get_ident, BuiltinFunctionType)
 
 
 def heard_by(silence: Silence | None, wire_log: WireLog | None) -> WireLog | None:

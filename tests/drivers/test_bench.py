@@ -2,6 +2,7 @@
 
 import json
 import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +14,7 @@ from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.silence import COROUTINES
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import unplug
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates
@@ -339,7 +341,7 @@ def test_a_bench_file_that_does_not_fit_together_is_refused(
         parse(text, "bench.yaml", BenchSettings)
 
 
-def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
+def test_a_bench_without_shutter_or_watchdog_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     ttl = settings().model_dump(mode="json")
     ttl["mirror"]["shutter_pin"] = 9
     ttl["shutter"]["model"] = "triggerscope_ttl"
@@ -350,6 +352,11 @@ def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
         opened.shutter.close()
         assert not opened.simulated.shutter_open
         assert "no watchdog: if the computer freezes or kills this program, the shutter stays open" in opened.warnings
+        assert COROUTINES not in opened.warnings
+        with monkeypatch.context() as as_gevent:
+            real = threading.get_ident
+            as_gevent.setattr(threading, "get_ident", lambda: real())
+            assert COROUTINES in opened.warnings
     without = ttl | {"shutter": {"model": "none"}, "safety": {"watchdog_s": 0.0}}
     events: list[tuple[str, str]] = []
     with open_bench(BenchSettings.model_validate_json(json.dumps(without))) as opened:
