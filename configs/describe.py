@@ -135,21 +135,33 @@ def _meanings(model: type[BaseModel]) -> dict[str, str]:
             continue
         for name, text in _strings_below(kind).items():
             found.setdefault(name, text)
-        for name, text in re.findall(
-            r"`(\w+)`:? ([^`]+?)(?=(?:[.;]\s+`\w+`)|\.?\s*$)", inspect.cleandoc(kind.__doc__ or "")
-        ):
+        for name, text in re.findall(r"`(\w+)`:? ([^`]+?)(?=(?:[.;]\s+`\w+`)|\.?\s*$)", docstring(kind)):
             if name in kind.model_fields:
                 found.setdefault(name, " ".join(text.split()).strip(" .,;") + ".")
     return found
 
 
-def _strings_below(kind: type[BaseModel]) -> dict[str, str]:
+def docstring(kind: type) -> str:
+    """What a class says of itself, from its source where Python (`-OO`) dropped it."""
+    if kind.__doc__ is not None:
+        return inspect.cleandoc(kind.__doc__)
+    source = _source(kind)
+    return "" if source is None else ast.get_docstring(source) or ""
+
+
+@cache
+def _source(kind: type) -> ast.ClassDef | None:
+    """None where there is none."""
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))
     except (OSError, TypeError, SyntaxError):
-        return {}
-    body, found = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else [], {}
-    for above, below in pairwise(body):
+        return None
+    return tree.body[0] if isinstance(tree.body[0], ast.ClassDef) else None
+
+
+def _strings_below(kind: type[BaseModel]) -> dict[str, str]:
+    source, found = _source(kind), dict[str, str]()
+    for above, below in pairwise(() if source is None else source.body):
         if (
             isinstance(above, ast.AnnAssign)
             and isinstance(above.target, ast.Name)

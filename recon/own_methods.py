@@ -189,7 +189,7 @@ def _run(path: Path, sha256: str) -> ModuleType:
         with _refused(str(path), name):
             spec.loader.exec_module(module)
         _check(module, str(path))
-        if not (module.__doc__ or "").strip():
+        if not (ast.get_docstring(ast.parse(path.read_bytes())) or "").strip():  # `python -OO` keeps no __doc__
             raise InvalidSettings(
                 f'{path}:1: the file does not say what it is: begin it with a line like """What it sees by."""'
             )

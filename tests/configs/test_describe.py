@@ -1,7 +1,13 @@
 """What settings pages and `nlos methods` say of a key."""
 
-from nlos.configs.describe import describe
+from nlos.configs.describe import describe, docstring
 from nlos.configs.settings import Settings
+
+
+class Undocumented(Settings):
+    """What `python -OO` drops."""
+
+    __doc__ = None
 
 
 class Block(Settings):
@@ -21,3 +27,8 @@ def test_a_key_that_may_be_left_empty_is_not_one_that_must_be_given() -> None:
     assert found["told"].default == '""'
     assert str(found["told"]) == 'told: text, default "". May be left empty.'
     assert str(found["wait_ms"]) == "wait_ms: number ms, default 2 ms. How long."
+
+
+def test_a_block_says_what_it_is_where_python_drops_docstrings() -> None:
+    assert docstring(Undocumented) == "What `python -OO` drops."
+    assert docstring(Block) == "A block of a file."

@@ -362,3 +362,9 @@ def test_a_file_that_does_not_say_what_it_is_and_an_untyped_setting_are_told_wit
     with pytest.raises(InvalidSettings, match=r"untyped\.py:4: ") as refused:
         find(str(untyped))
     assert "http" not in str(refused.value)
+
+
+def test_a_file_says_what_it_is_where_python_drops_docstrings(tmp_path: Path) -> None:
+    bare = tmp_path / "bare.py"
+    bare.write_text(f"{TEXT}\n__doc__ = None  # as `python -OO` leaves it\n", encoding="utf-8")
+    assert find(str(bare)).build is not None

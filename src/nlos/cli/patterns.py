@@ -10,14 +10,14 @@ from nlos.acquisition.planning.patterns import PATTERNS
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.setting_table import show_settings
 from nlos.cli.terminal import terminal
-from nlos.configs.describe import describe
+from nlos.configs.describe import describe, docstring
 
 
 def patterns(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show this pattern's settings.")] = None,
 ) -> None:
     """Every scan pattern, one line each; with NAME, its settings: what, unit, default, range."""
-    found = {word: (settings.__doc__ or "").partition("\n")[0] for word, settings in sorted(PATTERNS.items())}
+    found = {word: docstring(settings).partition("\n")[0] for word, settings in sorted(PATTERNS.items())}
     if name is None:
         width = max(map(len, found))
         for word, line in found.items():
