@@ -14,6 +14,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.aim import Aim, Aiming
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.condition import listed
+from nlos.acquisition.recording.new_name import behind_link
 from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Recording
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import GeometrySettings
@@ -120,7 +121,7 @@ def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
     and what alarms want free beside; of a film until it is stopped, for all of the wall once."""
     least = plan.ended_after(plan.first_round) if plan.until_stopped else plan
     needed = 0 if path.exists() else disk_bytes(least)  # a recording's place on the disk is reserved as it is made
-    free = shutil.disk_usage(next(folder for folder in path.absolute().parents if folder.is_dir())).free
+    free = shutil.disk_usage(next(folder for folder in behind_link(path).absolute().parents if folder.is_dir())).free
     if needed + least_free > free:
         beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""
         raise StorageError(

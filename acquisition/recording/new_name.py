@@ -1,7 +1,13 @@
-"""A name that is given to a file only where nothing bears it."""
+"""Under which name a file is written: one that nothing bears, or that of the file behind a link."""
 
 import os
 from pathlib import Path
+
+
+def behind_link(path: Path) -> Path:
+    """The file itself, on whatever disk: its lock is beside it, and what is written anew is renamed over it, never over
+    a link to it. Every verb writes where a link leads."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def put_new(path: Path, target: Path, other: str = "name") -> None:

@@ -17,6 +17,7 @@ from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.empty_file import clear, keep_as, put_in_place
 from nlos.acquisition.recording.frames import ended_plan
 from nlos.acquisition.recording.layout import Status
+from nlos.acquisition.recording.new_name import behind_link
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
@@ -24,7 +25,7 @@ from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.same_scan import check_same_scan
 from nlos.acquisition.recording.validation import LONGEST_S
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import WriterLock, behind_link, clear_left_lock, is_locked
+from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
 from nlos.drivers.clock import Clock
 
 UNCUT = (
@@ -39,6 +40,7 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
     samples. Raises `InvalidData` where `path` has no complete header, `StorageError` where `target` exists."""
     if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
+    target = behind_link(target)
     lock = WriterLock(target)
     try:
         with Recording.open(path) as recording:

@@ -14,6 +14,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.disk_refusal import GONE
 from nlos.acquisition.recording.empty_file import clear, lay_out, put_in_place
 from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
+from nlos.acquisition.recording.new_name import behind_link
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.rescue import Rows, rescue
@@ -83,9 +84,10 @@ class RecordingWriter:
     ) -> Self:
         """A new scan file. It appears under its name only once header and plan are on disk. Raises `StorageError`
         where `path` exists and `overwrite` is not given, another process writes it, or the disk has no room."""
+        there, path = os.path.lexists(path), behind_link(path)  # a link to nothing is there, too
         lock = lock or WriterLock(path)
         try:
-            if os.path.lexists(path) and not overwrite:  # a link to nothing, too
+            if there and not overwrite:
                 raise StorageError(f"{path}: exists. Choose another name, or use --overwrite or --resume.")
             put_in_place(lay_out(path, plan, header), path)
         except BaseException:  # an interrupt, too, leaves nothing half done

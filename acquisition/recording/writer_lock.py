@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.new_name import behind_link
 
 TRIES = 10
 TRY_AGAIN_S = 0.01
@@ -92,11 +93,6 @@ class WriterLock:
             finally:
                 with suppress(OSError):  # what network shares say whose other end is gone; it is closed all the same
                     os.close(fd)
-
-
-def behind_link(path: Path) -> Path:
-    """The file itself: its lock is beside it, and what is copied is renamed over it, never over a link to it."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def clear_left_lock(path: Path) -> None:

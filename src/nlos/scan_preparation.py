@@ -12,6 +12,7 @@ from nlos.acquisition.planning.direct_light import expected_direct, window_warni
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles, fitted, refitted
 from nlos.acquisition.planning.schemes import Choice, choose
+from nlos.acquisition.recording.new_name import behind_link
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.salvage import Resumed
@@ -106,7 +107,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag, aim=aim)
     if target is not None:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
-    folder = Path.cwd() if target is None else target.absolute().parent
+    folder = Path.cwd() if target is None else behind_link(target).absolute().parent
     own = bench.settings.with_own_first_light(names["counter"])
     direct = None if bench.settings.safety.dry_run else expected_direct(plan, own, aim)
     beam = BeamJudged() if direct is None else judge_beam(bench.settings, aim, by_spots=geometry is not None)

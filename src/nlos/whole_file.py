@@ -7,18 +7,21 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nlos.acquisition.recording.disk_refusal import told_of
-from nlos.acquisition.recording.new_name import put_new
+from nlos.acquisition.recording.new_name import behind_link, put_new
 from nlos.writable import check_writable
 
 
 @contextmanager
 def whole_file(target: Path, *, new: bool = False) -> Iterator[Path]:
-    """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
+    """A path beside `target`, or beside the file that it is a link to, to write to: it becomes that file when the block
+    ends, and is removed where that fails.
     Of a `new` one raises `FileExistsError` where another has taken its place by then.
     Raises `FileNotFoundError` where there is no folder for it, `IsADirectoryError` where it is one,
     `StorageError` where the disk does not take it, and as `check_writable` does."""
     if target.is_dir():
         raise IsADirectoryError(f"{target}: is a folder. Name the file in it.")
+    if not new:
+        target = behind_link(target)
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
     check_writable(target.parent)

@@ -1,5 +1,6 @@
 """Where results cannot be written is said before they are made, and a link to nothing is not replaced."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,41 @@ def test_an_export_says_where_nothing_can_be_written(scan: Path) -> None:
 def test_asking_leaves_nothing_behind(tmp_path: Path) -> None:
     check_writable(tmp_path / "a" / "b")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [
+    "scan five_by_five --bench zero_latency -o link.h5", "import scan.npz -o link.h5", "recover scan.h5 -o link.h5",
+    "replay scan.h5 --speed max -o link.h5", "export scan.h5 --to npz -o link.npz", "runs --page link.html",
+    "plan five_by_five --bench zero_latency --picture link.png",
+    "monitor --for 0.1 --bench zero_latency --log link.csv",
+])  # fmt: skip
+def test_every_verb_overwrites_what_a_link_leads_to_and_leaves_the_link(scan: Path, words: str) -> None:
+    """As one that leads to another disk: who made it wants the file there."""
+    here = scan.parent
+    nlos(here, "import", scan.name, "-o", "scan.h5", check=True)
+    link = here / words.split()[-1]
+    (here / "disk").mkdir()
+    (here / "disk" / "real").write_text("old")
+    link.symlink_to(Path("disk") / "real")
+    before = {path.name for path in here.iterdir()}
+    done = nlos(here, *f"{words} --overwrite".split())
+    assert done.returncode == 0, done.stderr
+    assert link.is_symlink()
+    assert (here / "disk" / "real").read_bytes() != b"old"
+    assert {path.name for path in here.iterdir()} == before
+    assert [path.name for path in (here / "disk").iterdir()] == ["real"]
+
+
+def test_room_is_looked_for_on_the_disk_that_a_link_leads_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the scan, and by its alarm while the recording grows."""
+    asked, usage = set[Path](), shutil.disk_usage
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: asked.add(Path(folder)) or usage(folder))
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk" / "real.h5").write_text("old")
+    (tmp_path / "link.h5").symlink_to(Path("disk") / "real.h5")
+    done = nlos(tmp_path, *["scan", "five_by_five", "--bench", "zero_latency", "-o", "link.h5", "--overwrite"])
+    assert done.returncode == 0, done.stderr
+    assert asked == {tmp_path / "disk"}
 
 
 @pytest.mark.parametrize("words", ["import scan.npz", "export scan.h5 --to npz", "recover scan.h5"])
