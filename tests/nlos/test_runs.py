@@ -211,6 +211,20 @@ def test_a_name_that_is_no_unicode_is_listed(tmp_path: Path, capsys: pytest.Capt
         assert {each.path for each in index.search(["path:.h5"])} == {"whole.h5", "caf\\udce9.h5"}
 
 
+def test_odd_names_keep_their_lines_and_columns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those that a terminal shows wide, in no column of their own, or as an end of the line."""
+    wide = {"plain.h5": 0, "two\nlines.h5": 0, "tab\there.h5": 0, "\x1b[31mred.h5": 0, "測定.h5": 2, "e\u0301t.h5": -1}
+    for name in wide:
+        recording(tmp_path / name, RunNotes.of("s", "o", "here it begins", []))
+    assert run(["runs", "--folder", str(tmp_path)]) == 0
+    head, *lines, _ = capsys.readouterr().out.splitlines()
+    found = {line[head.index("path") :].split("  ")[0]: line.index("here it begins") for line in lines}
+    said = {
+        name.replace("\n", r"\n").replace("\t", r"\t").replace("\x1b", r"\x1b"): more for name, more in wide.items()
+    }
+    assert found == {name: head.index("note") - more for name, more in said.items()}
+
+
 def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Path) -> None:
     data = tmp_path / "data"
     for name in ("a", "b", "c"):

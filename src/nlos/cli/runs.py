@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from nlos.cli.columns import columns_shown
+from nlos.cli.columns import columns_shown, one_line, padded, width_shown
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import check_place, page_target
 from nlos.cli.terminal import terminal
@@ -83,15 +83,16 @@ def _show(found: "list[Run]") -> None:
     if len(lines) == 1:
         return
     lines = [
-        tuple(_cut(cell) if _HEADS[column] != "path" else cell for column, cell in enumerate(line)) for line in lines
+        tuple(one_line(cell if _HEADS[column] == "path" else _cut(cell)) for column, cell in enumerate(line))
+        for line in lines
     ]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    widths = [max(width_shown(line[column]) for line in lines) for column in range(len(lines[0]))]
     columns = columns_shown()
     if columns is not None and sum(widths) + 2 * sum(width > 0 for width in widths) - 2 > columns:
         _show_narrow(lines[1:], columns)
         return
     for line in lines:
-        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)]
+        cells = [padded(cell, width) for cell, width in zip(line, widths, strict=True)]
         terminal.result("  ".join(cells).rstrip())
 
 
