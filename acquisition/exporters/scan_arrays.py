@@ -22,6 +22,8 @@ class Scanner:
 
     position_m: tuple[float, float, float]
     """Wall coordinates; z is the distance from the wall."""
+    error_m: tuple[float, float, float]
+    """How well that is known, where the times that tell it are true to a bin."""
     delay_s: float
 
 

@@ -56,8 +56,11 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         file["scene_info"] = json.dumps(_said(scan))  # which is YAML as well
     left: list[str] = []
     if scan.scanner is not None:
-        x_m, y_m, z_m = scan.scanner.position_m
-        left.append(f"the scanner is at ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m by the times of direct light")
+        (x_m, y_m, z_m), error_mm = scan.scanner.position_m, [1e3 * each for each in scan.scanner.error_m]
+        left.append(
+            f"the scanner is at ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m by the times of direct light, which tell it to "
+            f"{', '.join(f'{each:.2g}' for each in error_mm)} mm where they are true to a bin: more points tell more"
+        )
     elif not scan.rectified:
         left.append("time 0 is not the wall and nothing tells the scanner's place: y-tal's solvers will not focus it")
     in_its_paths = ("time_offset_bins",) if scan.scanner is not None else ()

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from nlos.acquisition.errors import InvalidData
@@ -152,7 +153,10 @@ def _with_scanner(run: Path, arrays: ScanArrays) -> ScanArrays:
         return arrays
     x_m, y_m, z_m = map(float, arrivals.wall.scanner_position_m)
     wall = loaded.transient.wall
-    scanner = Scanner((x_m, y_m, z_m), arrivals.wall.delay_s)
+    # Errors that points share, as that of where a pulse lies in its bin, are not in their scatter.
+    bins = max(arrays.time.bin_width_s / max(arrivals.wall.rms_s, 1e-15), 1.0)
+    x_error_m, y_error_m, z_error_m = map(float, bins * np.sqrt(np.diag(arrivals.wall.covariance)[:3]))
+    scanner = Scanner((x_m, y_m, z_m), (x_error_m, y_error_m, z_error_m), arrivals.wall.delay_s)
     return replace(arrays, wall=wall, x_m=wall.x_m(), y_m=wall.y_m(), scanner=scanner)
 
 
