@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -23,7 +24,10 @@ from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock
-from nlos.live.web import WebServer
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.status import listening_at
+from nlos.live.admission import admitted
+from nlos.live.web import Refused, Request, WebServer
 from nlos.series.journal import ALARM, BEGUN, DONE, FAILED, INTERRUPTED, NAME, STORAGE, Journal
 from nlos.status_page import StatusPage, body
 from nlos.time_of_day import shown_after
@@ -225,6 +229,26 @@ def test_the_command_serves_the_folder_under_the_address_it_says_until_it_is_tol
             assert page.wait(240) == 128 + ends
         finally:
             page.kill()
+
+
+def test_a_computer_is_called_in_capitals_and_by_its_sixth_address_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "LAB-PC")  # which browsers send in small letters, others as is
+    there = Request(f"/{TOKEN}/", {}, "")
+    for host, named in (("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("[0:0::1]", "[::1]")):
+        try:
+            door, names = listening_at(host, 0)
+        except UsageError:
+            assert ":" in host, host
+            pytest.skip("this computer has no IPv6")
+        with door:
+            port = door.getsockname()[1]
+            assert names[0] == f"{named}:{port}"
+            for name in (names[0], f"lab-pc:{port}", f"LAB-PC:{port}"):
+                assert admitted(replace(there, host=name), TOKEN.encode(), names) == ""
+            with pytest.raises(Refused):
+                admitted(replace(there, host=f"other:{port}"), TOKEN.encode(), names)
+            with socket.create_connection((host.strip("[]"), port), timeout=60):
+                pass
 
 
 @pytest.mark.parametrize(

@@ -39,17 +39,26 @@ def status(
         raise FileNotFoundError(f"{where}: no such folder")
     if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # what an address may hold
         raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
-    try:
-        door = socket.create_server((host, port))
-    except OSError as error:
-        raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
+    door, names = listening_at(host, port)
     if hasattr(os, "nice"):
         os.nice(NICENESS)  # a scan on this machine goes first
-    number, word = door.getsockname()[1], token or secrets.token_urlsafe(24)
-    names = {host, socket.gethostname(), "127.0.0.1", "localhost"}
-    server = WebServer(door, StatusPage(where, word, {f"{name}:{number}" for name in names}))
+    word = token or secrets.token_urlsafe(24)
+    server = WebServer(door, StatusPage(where, word, set(names)))
 
     with served_until_told(server.stop):
-        url = f"http://{host}:{number}/{word}/"
+        url = f"http://{names[0]}/{word}/"
         terminal.result(url, url=url)
         server.run()
+
+
+def listening_at(host: str, port: int) -> tuple[socket.socket, list[str]]:
+    """A socket there, and what browsers that reach it call it, HOST:PORT in small letters as they send it. Raises
+    `UsageError` where this computer has no such address, or the port is taken."""
+    host = host.strip("[]").lower()
+    try:
+        door = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
+    address = door.getsockname()
+    named = f"[{address[0]}]" if ":" in host else host
+    return door, [f"{name}:{address[1]}" for name in (named, socket.gethostname().lower(), "127.0.0.1", "localhost")]

@@ -19,10 +19,15 @@ _OURS = 'nonce="NONCE"'
 
 
 def admitted(request: Request, token: bytes, hosts: Collection[str]) -> str:
-    """What is asked for, below `/TOKEN/`. Raises `Refused` for anybody who has not the page's address."""
+    """What is asked for, below `/TOKEN/`. Raises `Refused` for anybody who has not the page's address. `hosts`: in
+    small letters."""
     _, _, rest = request.path.partition("/")
     said, slash, what = rest.partition("/")
-    if request.host not in hosts or not secrets.compare_digest(said.encode("ascii", "replace"), token) or not slash:
+    if (
+        request.host.lower() not in hosts
+        or not secrets.compare_digest(said.encode("ascii", "replace"), token)
+        or not slash
+    ):
         raise Refused(403)
     return what
 
