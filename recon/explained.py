@@ -19,9 +19,10 @@ import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.count_noise import count_noise
 from nlos.recon.errors import NO_PICTURE, InvalidData, ReconstructionFailed
 from nlos.recon.explained_hot import hot_points
-from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, photon_unit, split
+from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, split
 from nlos.recon.explained_share import Explained
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.gate import open_bins
@@ -61,10 +62,12 @@ def explained_light(
     where there is no answer, the note says why.
     """
     began = clock.perf_counter()
-    unit, whole = photon_unit(transient), counted_in(transient) > 0
+    noise, whole = count_noise(transient), counted_in(transient) > 0
 
     def judged(scan: Transient) -> tuple[Parts, Judged, bool]:
-        parts = split(prepare(scan), unit)
+        prepared = prepare(scan)
+        joined = round(prepared.time.bin_width_s / scan.time.bin_width_s)
+        parts = split(prepared, noise.of_sums(joined))
         for part in (parts.seen, parts.judging):
             if not part.counts.sum(dtype=np.float64) > 0:
                 raise InvalidData("too few photons to hold some out")
@@ -96,7 +99,7 @@ def explained_light(
         return None if other.note in (UNSEEN, APART) else other
 
     found = Explained(told.share, None if told.share is None else told.error, told.note)
-    hot = hot_points(transient, unit) if found.nothing or found.share is None else ""
+    hot = hot_points(transient, noise.unit) if found.nothing or found.share is None else ""
     if hot and found.share is None:  # it is them that nobody should believe
         found = replace(found, share=0.0, error=0.0)
     doubt = out_of_order(transient)
@@ -122,7 +125,6 @@ def _judge(
     parts: Parts, albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], falloffs: tuple[float, ...]
 ) -> Judged:
     seen, judging = parts.seen, parts.judging
-    unit = max(parts.unit, 1e-12 * float(np.abs(judging.counts).mean(dtype=np.float64)))
     albedo = albedo / max(float(albedo.max()), float(np.finfo(np.float32).tiny))
     measured = np.argwhere(seen.exposure_s > 0)
     points = measured[np.sort(np.random.default_rng(SEED).permutation(len(measured))[:POINTS])]
@@ -136,7 +138,12 @@ def _judge(
         return np.asarray(x[first : first + used].reshape(used // joined, joined, -1).sum(axis=1), dtype=np.float64)
 
     had, left = stretches(seen.counts[:, row, col]), stretches(judging.counts[:, row, col])
+    of_sums = parts.noise.of_sums(joined)
+    least = 1e-12 * float(np.abs(judging.counts).mean(dtype=np.float64))
+    of_sums = replace(of_sums, unit=max(of_sums.unit, least))
     flat = stretches(_opened(seen)) / joined * dwell
+    taken = of_sums.level * seen.exposure_s[row, col].mean() * flat  # put back, the flat background explains it
+    had, left = had + KEPT * taken, left + (1 - KEPT) * taken
     profile = np.maximum(scipy.ndimage.uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
     near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
@@ -161,7 +168,7 @@ def _judge(
         return weight, rest * model, rest * background * flat, alone
 
     weight, model, empty, alone = fitted(near)
-    noise = unit * left  # its expected value is the variance, whatever the mean
+    noise = of_sums.deviation(left) ** 2  # its expected value is the variance, whatever the mean
     missed = (weight * ((left - model) ** 2 - noise)).sum(axis=0)  # (N,)
     there = (weight * ((left - empty) ** 2 - noise)).sum(axis=0)
     if float(there.sum()) < SURE * float(np.sqrt(count * there.var())):
@@ -188,12 +195,16 @@ def _opened(part: Transient) -> Floats:
 
 def _comes_in_time(parts: Parts) -> bool:
     """Whether the light of all points together is no flat background, by the time at which it comes."""
-    seen, judging = (part.counts.sum(axis=(1, 2), dtype=np.float64) for part in (parts.seen, parts.judging))
+    taken = parts.noise.level * float(parts.seen.exposure_s.sum())
+    seen, judging = (
+        part.counts.sum(axis=(1, 2), dtype=np.float64) + share * taken
+        for part, share in ((parts.seen, KEPT), (parts.judging, 1 - KEPT))
+    )
     opened = _opened(parts.seen) > 0
-    opened[: np.flatnonzero(seen)[0]] = False
+    opened[: np.flatnonzero(parts.seen.counts.any(axis=(1, 2)))[0]] = False
     seen, judging = seen[opened], judging[opened]
     both = (seen - seen.mean()) * (judging - judging.mean())
-    noise = parts.unit * parts.unit * seen.mean() * judging.mean() * len(both)
+    noise = parts.noise.unit * parts.noise.unit * seen.mean() * judging.mean() * len(both)
     return float(both.sum()) > SURE * float(np.sqrt(max(noise, 0.0)))
 
 

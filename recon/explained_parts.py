@@ -1,6 +1,7 @@
 """A scan in two parts with independent noise: one to reconstruct from, one to judge the picture by."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +23,36 @@ EXACT = 2.0**24
 
 
 @dataclass(frozen=True)
+class CountNoise:
+    """The variance of a count is `unit` times what it would be had nothing been subtracted from it."""
+
+    unit: float
+    """What one photon counts: the variance of a count over its mean."""
+    level: float = 0.0
+    """What was subtracted from a bin, a second."""
+    beside: float = 0.0
+    """Covariance of neighbouring bins over their variance, where light was moved by parts of a bin."""
+
+    def deviation(self, counts: npt.NDArray[Any], share: float = 1.0) -> npt.NDArray[Any]:
+        """The root of a share of the variance of counts, what was subtracted added to them again. Where more was than
+        anybody knows, as a direct pulse's tail, what lies below nothing is chance, and as much of it lies above."""
+        of = counts.dtype.type
+        light = of(np.sqrt(share * self.unit)) * np.sqrt(np.maximum(counts, 0))  # their product may be out of float32
+        return np.asarray(light + of(np.sqrt(2 * share)) * np.maximum(-counts, 0))
+
+    def of_sums(self, joined: int) -> "CountNoise":
+        """The same of so many bins added up."""
+        grown = 1 + 2 * self.beside * (joined - 1) / joined
+        return CountNoise(self.unit * grown, self.level * joined, self.beside / (joined * grown))
+
+
+@dataclass(frozen=True)
 class Parts:
     """Two scans of the same scene, as if they had lasted `KEPT` and 1 - `KEPT` of the time."""
 
     seen: Transient
     judging: Transient
-    unit: float
-    """What one photon counts: the variance of a count over its mean."""
+    noise: CountNoise
 
 
 def coarser(transient: Transient) -> Transient:
@@ -53,18 +77,28 @@ def coarser(transient: Transient) -> Transient:
     )
 
 
-def split(transient: Transient, unit: float, seed: int = SEED) -> Parts:
+def split(transient: Transient, noise: CountNoise, seed: int = SEED) -> Parts:
     """`transient` thinned: photon by photon where it holds whole ones (of `unit` each), which leaves two independent
     Poisson scans; else by Gaussian noise of the variance found in it, which does the same for its noise."""
     rng = np.random.default_rng(seed)
-    counts = transient.counts
+    counts, unit = transient.counts, noise.unit
     if unit > 0 and are_multiples(counts, unit):
         photons = np.rint(counts / np.float32(unit)).astype(np.uint64)
         seen = counts - quarter_of(photons, rng).astype(counts.dtype) * np.float32(unit)
-    else:  # a root of either: their product may be too small, or too large, for float32
-        spread = np.float32(np.sqrt(KEPT * (1 - KEPT) * unit)) * np.sqrt(np.maximum(counts, 0, dtype=np.float32))
-        seen = np.float32(KEPT) * counts + spread * rng.standard_normal(counts.shape, dtype=np.float32)
-    return Parts(replace(transient, counts=seen), replace(transient, counts=counts - seen), unit)
+    else:
+        photons = counts + np.float32(noise.level) * transient.exposure_s.astype(np.float32) * (counts != 0)
+        spread = noise.deviation(photons, KEPT * (1 - KEPT))
+        seen = np.float32(KEPT) * counts + spread * _white(counts.shape, noise.beside, rng)
+    return Parts(replace(transient, counts=seen), replace(transient, counts=counts - seen), noise)
+
+
+def _white(shape: tuple[int, ...], beside: float, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+    """Gaussian noise of variance 1 whose neighbours along the first axis have the covariance `beside`."""
+    if beside == 0:
+        return rng.standard_normal(shape, dtype=np.float32)
+    drawn = rng.standard_normal((shape[0] + 1, *shape[1:]), dtype=np.float32)
+    both, one = np.float32(np.sqrt(1 + 2 * beside)), np.float32(np.sqrt(1 - 2 * beside))
+    return np.asarray((both + one) * drawn[1:] + (both - one) * drawn[:-1], dtype=np.float32) / np.float32(2)
 
 
 def quarter_of(counts: npt.NDArray[np.uint64], rng: np.random.Generator) -> npt.NDArray[np.int64]:

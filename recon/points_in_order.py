@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
-from nlos.recon.explained_parts import photon_unit_of_sums
+from nlos.recon.count_noise import noise_of_sums
 
 MIXED = 0.6
 """Squares next to each other over those two apart, along rows and along columns, from which on points are mixed up."""
@@ -59,14 +59,16 @@ def _jumps_s(transient: Transient, axis: int) -> float:
     lines, light, bins = lines[lit], light[lit], np.flatnonzero(lit)[:, None].astype(np.float64)
     total = np.maximum(light.sum(axis=0), 1e-300)
     mean = (bins * light).sum(axis=0) / total
-    error = np.sqrt(((bins - mean) ** 2 * np.maximum(lines, 0)).sum(axis=0)) / total
+    noise = noise_of_sums(transient, 1)
+    photons = lines + noise.level * transient.exposure_s.sum(axis=1 - axis)
+    error = np.sqrt(((bins - mean) ** 2 * np.maximum(photons, 0)).sum(axis=0)) / total
     there = total > total.max() / 4
     inner = there[1:-1] & there[2:] & there[:-2]
     if inner.sum() < FEWEST_LINES:
         return 0.0
     beside = mean[1:-1] - (mean[2:] + mean[:-2]) / 2
     jump = 1.48 * float(np.median(np.abs(beside[inner])) / np.sqrt(1.5))  # a line or two may be spoilt otherwise
-    chance = float(np.sqrt(np.mean(error[1:-1][inner] ** 2) * photon_unit_of_sums(transient, 1)))
+    chance = float(np.sqrt(np.mean(error[1:-1][inner] ** 2) * noise.unit))
     pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)[axis]
     least = max(JUMPS * 2 * pitch_m / SPEED_OF_LIGHT_M_PER_S / time.bin_width_s, JUMP_ERRORS * chance)
     return jump * time.bin_width_s if jump > least else 0.0
@@ -78,11 +80,12 @@ def _least_ratio(transient: Transient, axis: int) -> float | None:
     wall, time = transient.wall, transient.time
     pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)[axis]
     joined = max(1, int(np.ceil(2 * pitch_m / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s))))
-    bins, unit = time.bins // joined, photon_unit_of_sums(transient, joined)
+    bins, noise = time.bins // joined, noise_of_sums(transient, joined)
     counts = transient.counts[: bins * joined].reshape(bins, joined, wall.rows, wall.cols).sum(axis=1, dtype=np.float64)
     measured = transient.exposure_s > 0
     dwell = np.where(measured, transient.exposure_s / max(float(transient.exposure_s.max()), 1e-300), np.inf)
-    lines = [np.moveaxis(each, axis - 2, -1) for each in (counts / dwell, _variance(counts, unit) / dwell**2)]
+    variance = noise.deviation(counts + noise.level * transient.exposure_s) ** 2
+    lines = [np.moveaxis(each, axis - 2, -1) for each in (counts / dwell, variance / dwell**2)]
     there = np.moveaxis(measured, axis, -1)
     near, far = (_squares(lines[0], lines[1], there, apart) for apart in (1, 2))
     if near is None or far is None:
@@ -92,13 +95,6 @@ def _least_ratio(transient: Transient, axis: int) -> float | None:
         return None
     ratio = float(near.sum()) / total
     return ratio - ERRORS * float(np.sqrt(len(far) * (near - ratio * far).var())) / total
-
-
-def _variance(counts: Floats, unit: float) -> Floats:
-    """What their photons' chance adds to the squares of counts, on average. Where background was taken off, counts no
-    longer tell how many photons there were; but what lies below nothing is chance, and as much of it lies above."""
-    variance: Floats = unit * np.maximum(counts, 0) + 2 * np.minimum(counts, 0) ** 2
-    return variance
 
 
 def _squares(rates: Floats, variances: Floats, there: npt.NDArray[np.bool_], apart: int) -> Floats | None:

@@ -17,10 +17,11 @@ from nlos.acquisition.response import gaussian
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.picture import Picture
+from nlos.recon.count_noise import count_noise
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_hot import hot_points
-from nlos.recon.explained_parts import KEPT, coarser, counted_in, photon_unit, split
+from nlos.recon.explained_parts import KEPT, CountNoise, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained, blame_response
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.live import LiveReconstruction
@@ -74,7 +75,7 @@ def test_the_renderer_sends_the_light_that_the_training_renderer_sends(falloff: 
 def test_the_parts_are_independent_poisson_scans() -> None:
     rng = np.random.default_rng(0)
     counts = rng.poisson(np.broadcast_to([0.3, 4.0, 90.0], (60, 60, 3))).astype(np.float32).transpose(2, 0, 1).copy()
-    parts = split(Transient(counts, np.ones((60, 60)), WallGrid(1, 1, 60, 60), TimeAxis(3, 1e-10)), 1.0)
+    parts = split(Transient(counts, np.ones((60, 60)), WallGrid(1, 1, 60, 60), TimeAxis(3, 1e-10)), CountNoise(1.0))
     seen, judging = parts.seen.counts, parts.judging.counts
     assert np.array_equal(seen + judging, counts)
     assert (judging == np.rint(judging)).all()
@@ -92,9 +93,43 @@ def test_noise_that_is_no_photons_is_split_as_well() -> None:
     scan = Transient(noisy, np.ones((20, 20)), WallGrid(1, 1, 20, 20), TimeAxis(400, 1e-10))
     unit = photon_unit(scan)
     assert unit == pytest.approx(0.5, rel=0.05)
-    parts = split(scan, unit)
+    parts = split(scan, CountNoise(unit))
     rest = [part.counts - share * mean for part, share in ((parts.seen, KEPT), (parts.judging, 1 - KEPT))]
     assert abs(np.corrcoef(rest[0].ravel(), rest[1].ravel())[0, 1]) < 0.03
+
+
+def subtracted(scan: Transient, ambient: float, seed: int = 5) -> Transient:
+    """With ambient light as a raw scan has it, moved by parts of a bin, and its mean subtracted again."""
+    rng = np.random.default_rng(seed)
+    counts = scan.counts + rng.poisson(ambient, scan.counts.shape) * (scan.exposure_s > 0)
+    part = rng.uniform(0, 1, scan.exposure_s.shape)
+    moved = counts[:-1] * (1 - part) + counts[1:] * part - ambient * (scan.exposure_s > 0)
+    bins, width_s = scan.time.bins - 1, scan.time.bin_width_s
+    return replace(scan, counts=moved.astype(np.float32), time=TimeAxis(bins, width_s, -width_s / 2))
+
+
+def test_noise_of_what_was_subtracted_is_known() -> None:
+    scan = subtracted(drawn(20.0)[1], 8.0)
+    noise = count_noise(scan)
+    seconds = float(scan.exposure_s[scan.exposure_s > 0].mean())
+    assert noise.unit * (noise.level * seconds) == pytest.approx(8 * 2 / 3, rel=0.1)  # of (1 - p)^2 + p^2 on average
+    assert noise.beside == pytest.approx(0.25, abs=0.05)
+    empty = subtracted(replace(scan, counts=np.zeros_like(scan.counts)), 8.0)
+    parts = split(empty, count_noise(empty))
+    rest = np.corrcoef(parts.seen.counts.ravel(), parts.judging.counts.ravel())
+    assert abs(rest[0, 1]) < 0.03
+
+
+def test_a_subtracted_background_leaves_explained_light_as_it_was() -> None:
+    made, scan = drawn(20.0)
+    plain = explained_light(scan, lambda part: truth(made), (4.0,))
+    other = explained_light(subtracted(scan, 8.0), lambda part: truth(made), (4.0,))
+    assert plain.share is not None
+    assert other.share is not None
+    assert other.share == pytest.approx(plain.share, abs=0.05)
+    empty = subtracted(replace(scan, counts=np.zeros_like(scan.counts)), 8.0)
+    told = explained_light(empty, lambda part: truth(made), (4.0,))
+    assert told.nothing, str(told)
 
 
 def test_points_are_added_up_and_an_odd_wall_grows_by_a_pixel() -> None:

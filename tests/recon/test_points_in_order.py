@@ -122,3 +122,17 @@ def test_points_aligned_by_parts_of_a_bin_under_a_background_that_was_taken_off_
     moved = ((noisy + np.roll(noisy, 1, axis=0)) / 2 - (tail + np.roll(tail, 1, axis=0)) / 2).astype(np.float32)
     moved[:2] = 0.0
     assert out_of_order(replace(right, counts=moved)) == ""
+
+
+def test_lines_reversed_under_even_light_that_was_taken_off_are_told() -> None:
+    """As calibration leaves a raw scan in a lit room: faint light, much noise, and counts below 0."""
+    rng, right = np.random.default_rng(4), scan(0.3)
+    part = rng.uniform(0, 1, right.exposure_s.shape)
+
+    def calibrated(counts: Counts) -> Transient:
+        lit = counts + rng.poisson(6.0, counts.shape)
+        moved = np.roll(lit, 1, axis=0) * part + lit * (1 - part) - 6.0
+        return replace(right, counts=moved.astype(np.float32))
+
+    assert out_of_order(calibrated(right.counts)) == ""
+    assert "every second line" in out_of_order(calibrated(there_and_back(right.counts)))
