@@ -24,7 +24,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 BINS, WIDTH_S, DWELL_S = 4096, 8e-12, 0.01
-CALIBRATED, RECONSTRUCTED = 3.0, 8.0
+CALIBRATED, RECONSTRUCTED = 3.0, 3.5
 
 
 def record(path: Path, side: int) -> None:
