@@ -1,4 +1,5 @@
-"""Light that comes after the end of the shortest record behind the wall: what made it is not in the picture."""
+"""What is not in the picture: what made light that comes after the end of the shortest record behind the wall, and what
+the tail of direct light hides."""
 
 import logging
 
@@ -10,10 +11,23 @@ from nlos.said_once import Tell
 
 WORTH_SAYING = 0.05
 """Of all light behind the wall."""
+HIDDEN_S, HIDDEN_SHARE = 1e-9, 0.25
+"""What direct light hides is said from so long on, and of so much of the record behind it."""
 
 
 def tell_of_light_left_out(done: CorrectedPoints, tell: Tell) -> None:
-    """Says how deep a scan reaches that was aligned, where points that recorded longer saw light from behind that."""
+    """Says how deep a scan reaches that was aligned, where points that recorded longer saw light from behind that; and
+    from where on, where direct light hides much of it."""
+    masked_s, masked = done.direct.end_bin * done.time.bin_width_s, done.direct.end_bin / done.time.bins
+    if masked_s > HIDDEN_S and masked > HIDDEN_SHARE:
+        tell(
+            logging.WARNING,
+            "direct light fades so slowly that it outshines all else until %.1f ns after it came, %.0f %% of the "
+            "record behind it: nothing nearer than %.2f m is looked at. A detector with a shorter tail, a gate that "
+            "opens later or more light from the scene shows more",
+            masked_s * 1e9, 100 * masked, masked_s * SPEED_OF_LIGHT_M_PER_S / 2,
+        )  # fmt: skip
+        return  # of the tail is what comes later, too
     share = done.beyond / (done.beyond + max(float(done.counts.sum(dtype=np.float64)), 0.0)) if done.beyond else 0.0
     if share > WORTH_SAYING:
         reach_m = done.time.bins * done.time.bin_width_s * SPEED_OF_LIGHT_M_PER_S / 2

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from nlos.__main__ import run
@@ -27,3 +28,23 @@ def test_light_behind_the_shortest_record_is_said(
     if found is not None:
         assert float(found[1]) == pytest.approx(1.10, abs=0.01)
         assert 5 < int(found[2]) < 95
+
+
+@pytest.mark.parametrize("tail_s", [0.0, 3e-9])
+def test_a_tail_that_hides_the_record_is_said_before_there_is_no_light(
+    tail_s: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scan = make_raw_scan(hidden_counts=0 if tail_s else 300, delay_s=-12e-9)
+    random, counts = np.random.default_rng(3), scan.counts.astype(np.int64)
+    time_s = np.arange(counts.shape[1]) * scan.bin_width_s - scan.arrival_bins.ravel()[:, None] * scan.bin_width_s
+    if tail_s:
+        fades = np.where(time_s > 0, np.exp(-np.maximum(time_s, 0) / tail_s), 0.0)
+        counts = counts + random.poisson(20 * fades).reshape(counts.shape)
+    with h5py.File(tmp_path / "raw.h5", "w") as file:
+        file["histograms"] = counts.reshape(16, 16, -1)
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"] = scan.bin_width_s, 2.0
+        file.attrs["rectified"] = False
+    run(["reconstruct", str(tmp_path / "raw.h5"), "-o", str(tmp_path / "out"), "--method", "lct"])
+    said = capfd.readouterr().err
+    assert ("direct light fades so slowly" in said) == bool(tail_s)
+    assert "of the light came later" not in said
