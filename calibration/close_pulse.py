@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.told import warn
+from nlos.calibration.wall_timing import FEWEST_POINTS
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
@@ -36,8 +37,11 @@ class ClosePulse:
 
 def close_pulse(counts: Counts, smooth: Floats, between: tuple[int, int], bin_width_s: float) -> ClosePulse | None:
     """The pulse that rises behind a minimum. `counts` (N, T) are aligned, `smooth` (T,) is their mean over points,
-    `between` the bins of the direct pulse's maximum and of that minimum. None where it is late, wide or not even."""
+    `between` the bins of the direct pulse's maximum and of that minimum. None where it is late, wide or not even, and
+    of so few points that all of them tell nothing."""
     peak, turn = between
+    if len(counts) < FEWEST_POINTS:
+        return None
     width = _width(smooth, peak)
     latest = peak + min(_WIDTHS * width, _LATEST_S / bin_width_s)
     top = turn + int(np.argmax(smooth[turn : round(latest) + width + 1])) if turn < latest else turn

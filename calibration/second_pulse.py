@@ -11,6 +11,7 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.told import warn
+from nlos.calibration.wall_timing import FEWEST_POINTS
 
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.floating]
@@ -71,7 +72,7 @@ def second_pulse(
     """The clearest pulse as sharp as the direct one that is equally late at every point; None without one. `counts` and
     `variance` (N, T) begin at the direct arrivals `offsets`, and the direct light is out of them; `x_m`, `y_m` (N,)."""
     lit = offsets.found & (offsets.direct_counts > 0)
-    if not lit.any():
+    if lit.sum() < FEWEST_POINTS:  # at every point alike says nothing of a few
         return None
     direct = offsets.direct_counts[lit]
     total, chance = (each.sum(axis=0, dtype=np.float64, where=lit[:, None]) for each in (counts, variance))

@@ -52,6 +52,13 @@ def test_a_second_pulse_is_told_with_its_lag_and_its_brightness(
     assert float(words[words.index("%") - 1]) == pytest.approx(percent, rel=0.07)
 
 
+def test_what_a_few_points_see_is_no_second_pulse(caplog: pytest.LogCaptureFixture) -> None:
+    raw = scan(1.0, (0.7, 0.01), (0.0, 0.0))
+    with caplog.at_level(logging.WARNING):
+        correct_points(raw.select(slice(SIDE // 2 * (SIDE + 1), SIDE // 2 * (SIDE + 1) + 1)))
+    assert "second pulse" not in caplog.text
+
+
 @pytest.mark.parametrize(
     ("wall_m", "patch_m"),
     [(1.0, (0.7, 0.3)), (1.0, (0.3, 1.2)), (0.3, (1.0, 0.1)), (0.3, (0.8, 0.2)), (0.3, (1.5, 0.4))],
