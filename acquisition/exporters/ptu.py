@@ -21,6 +21,8 @@ from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
 _MAX_BINS = 1 << 15  # 15 bits of delay in a generic T3 record
 _PULSE_PERIOD_S = 100e-9
+"""Where nobody counted pulses."""
+_ALIKE = 1e-3
 _WRAP = 1 << 10  # pulses that a record tells apart; how often they began anew is said by records of their own,
 _MOST_WRAPS = _WRAP - 1  # each for as many times at once
 _MOST_PULSES = 1 << 42  # 16 MiB of records for wraps alone
@@ -49,7 +51,9 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
     if not measured_s.size:
         raise InvalidData(f"{path}: no point of the scan was measured; there is nothing to export")
     stated_s = float(measured_s.mean())
-    period_s = max(_PULSE_PERIOD_S, (late + bins + 1) * scan.time.bin_width_s, rows * cols * stated_s / _MOST_PULSES)
+    laser_s = scan.laser_period_s
+    least_s = max((late + bins + 1) * scan.time.bin_width_s, rows * cols * stated_s / _MOST_PULSES)
+    period_s = max(laser_s or _PULSE_PERIOD_S, least_s)
     dwell = max(1, int(stated_s / period_s * (1 + 1e-9)))
     dwell_s = max(stated_s, period_s)
     period_s = dwell_s / dwell  # readers count a dwell in whole periods
@@ -68,7 +72,9 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
         file.seek(0)
         file.write(_stating(_stating(head, "TTResult_NumberOfRecords", written // 4), "ImgHdr_MaxFrames", 1))
     notes = [*_of_the_scan(scan), *of_time, *_of_exposures(scan.exposure_s, measured_s, dwell_s)]
-    notes.append(f"the laser's period is not known: pulses are written {period_s * 1e9:g} ns apart")
+    if laser_s is None or abs(period_s / laser_s - 1) > _ALIKE:
+        is_ = "is not known" if laser_s is None else f"is {laser_s * 1e9:.5g} ns"
+        notes.append(f"the laser's period {is_}: pulses are written {period_s * 1e9:g} ns apart")
     if dark := bins - 1 - int(np.flatnonzero(scan.histograms.any(axis=(0, 1))).max(initial=-1)):
         notes.append(f"the last {dark} bins hold no photon: a PTU ends with its latest one")
     if bright := int((of_point > dwell).sum()):

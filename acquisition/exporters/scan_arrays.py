@@ -50,6 +50,8 @@ class ScanArrays:
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W) or (N,)
     response: Response | None = None
     """These four as the file that the scan came from states them; see `ImportedScan`."""
+    laser_period_s: float | None = None
+    """By the sync pulses that were counted; None where none were."""
 
     @property
     def on_grid(self) -> bool:
@@ -80,7 +82,8 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
 
 def _as_its_source(held: ScanArrays, recording: Recording) -> ScanArrays:
     """With what the file said that a recording was imported from; one of `nlos scan` is raw."""
-    said = said_by_source(recording)
+    said, rows = said_by_source(recording), recording.intact_records()
+    pulses = int(rows["sync_count"].sum())
     cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
     return replace(
         held,
@@ -91,6 +94,7 @@ def _as_its_source(held: ScanArrays, recording: Recording) -> ScanArrays:
         falloff=falloff if isinstance(falloff, int) else None,
         time_offset_bins=np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
         response=from_json(said.get("response")),
+        laser_period_s=float(rows["live_time_s"].sum()) / pulses if pulses else None,
     )
 
 

@@ -130,4 +130,5 @@ def test_sums_of_more_than_32_bits_are_exported_as_they_are(on_grid: bool, tmp_p
     with Recording.open(tmp_path / "run.h5") as recording:
         exported = arrays_of_recording(recording)
     assert exported.histograms.reshape(2, 3).tolist() == [[2, 4, 6], [10, 6 << 30, 0]]
+    assert exported.laser_period_s == pytest.approx(100e-9)
     assert gathered.counts.tolist() == [[2, 4, 6], [10, 6 << 30, 0]]

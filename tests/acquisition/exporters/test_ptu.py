@@ -172,6 +172,18 @@ def test_points_that_were_not_measured_are_named_and_leave_the_others_exposure(t
     assert not any("differ" in note for note in notes)
 
 
+@pytest.mark.parametrize(("laser_s", "said"), [(12.5e-9, False), (8e-9, True), (50e-9, False), (None, True)])
+def test_pulses_are_as_far_apart_as_they_were(tmp_path: Path, laser_s: float | None, said: bool) -> None:
+    """Where delays fit between them: 300 bins take 9.6 ns."""
+    held = replace(scan(drawn(0.3), 1e-3, 32e-12), laser_period_s=laser_s)
+    notes = write_ptu(held, tmp_path / "scan.ptu")
+    with ptufile.PtuFile(tmp_path / "scan.ptu") as file:
+        expected_s = max(laser_s or 100e-9, 301 * 32e-12)
+        assert file.tags["MeasDesc_GlobalResolution"] == pytest.approx(expected_s, rel=1e-4)
+    assert any("the laser's period" in note for note in notes) == said
+    check_read_back(tmp_path / "scan.ptu", held.histograms, 1e-3)
+
+
 def test_bins_after_the_last_photon_are_named(tmp_path: Path) -> None:
     counts = drawn(0.3)
     counts[:, :, -20:] = 0
