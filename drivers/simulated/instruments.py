@@ -17,7 +17,7 @@ from nlos.drivers.simulated.bench import Light, SimulatedBench
 from nlos.drivers.simulated.faults import FaultPlan
 from nlos.drivers.simulated.recorded import RecordedLight, RecordedScan
 from nlos.drivers.simulated.scene import SceneLight
-from nlos.drivers.simulated.serial.port import plug, unplug
+from nlos.drivers.simulated.serial.port import plugged_in
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.simulated.usb.pipes import SimulatedPipes
@@ -67,8 +67,7 @@ def far_end(model: DeviceModel[Any], settings: DeviceSettings, table: SimulatedT
         bytes_per_s = rate * 1e6 if rate else float("inf")
         return SimulatedUsb([firmware], bench.clock, simulation.usb_latency_ms * 1e-3, bytes_per_s)
     name = settings.address.removeprefix("sim://")
-    plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
-    stack.callback(unplug, name)
+    stack.enter_context(plugged_in(name, firmware, bench, simulation.serial_latency_ms * 1e-3))
     return None
 
 

@@ -1,6 +1,8 @@
 """A pyserial port at `sim://NAME`, on any operating system: what is plugged in there answers in the bench's time."""
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from serial import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
@@ -23,15 +25,14 @@ except ImportError:  # Windows
 _cables: dict[str, SerialCable] = {}
 _coming_back: dict[str, tuple[float, SerialCable]] = {}
 """Pulled, and plugged in again at a time of the bench's clock."""
+_taken: dict[str, object] = {}
 
 
 def plug(name: str, firmware: SerialFirmware, bench: SimulatedBench, latency_s: float = 0.0) -> str:
     """Plugs a firmware in as `sim://NAME` and returns that URL. Raises `DeviceBusy` where a host uses the name."""
     old = _cables.get(name)
     if old is not None and old.held:
-        raise DeviceBusy(
-            name, f"sim://{name} is in use.", "Close the bench that uses it or give this one another port."
-        )
+        raise _in_use(name)
     _coming_back.pop(name, None)
     _cables[name] = SerialCable(name, firmware, bench, latency_s)
     return f"sim://{name}"
@@ -43,6 +44,27 @@ def unplug(name: str) -> None:
     cable = _cables.pop(name, None)
     if cable is not None:
         cable.plugged = False
+
+
+@contextmanager
+def plugged_in(name: str, firmware: SerialFirmware, bench: SimulatedBench, latency_s: float) -> Iterator[None]:
+    """As `plug`, until the block is left. No second one gets the name meanwhile, nor pulls the cable of the first: two
+    threads may open the same bench at once. Raises `DeviceBusy`."""
+    claim = object()
+    if _taken.setdefault(name, claim) is not claim:
+        raise _in_use(name)
+    try:
+        plug(name, firmware, bench, latency_s)
+        try:
+            yield
+        finally:
+            unplug(name)
+    finally:
+        del _taken[name]
+
+
+def _in_use(name: str) -> DeviceBusy:
+    return DeviceBusy(name, f"sim://{name} is in use.", "Close the bench that uses it or give this one another port.")
 
 
 def plugged(name: str) -> SerialCable:

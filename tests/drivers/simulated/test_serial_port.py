@@ -14,7 +14,7 @@ from nlos.drivers.errors import DeviceBusy
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.cable import SerialCable
-from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from nlos.drivers.simulated.serial.port import plug, plugged, plugged_in, unplug
 
 Bench = Callable[..., SimulatedBench]
 
@@ -98,6 +98,21 @@ def test_one_host_at_a_time(dark_bench: Bench) -> None:
         plug("echo", Echo(), bench)
     assert not port.is_open
     serial.serial_for_url("sim://echo").close()
+
+
+def test_who_comes_between_plugging_in_and_opening_neither_gets_the_name_nor_pulls_the_cable(
+    dark_bench: Bench,
+) -> None:
+    """As threads do that open one bench at once: the first one's scan ended with a port that went away."""
+    bench, in_turn = dark_bench(), pytest.raises(DeviceBusy, match="in use")
+    with plugged_in("shared", Echo(), bench, 0.0):
+        with in_turn, plugged_in("shared", Echo(), dark_bench(), 0.0):
+            pass
+        with serial.serial_for_url("sim://shared", timeout=1.0) as port:
+            port.write(b"mine")
+            assert port.read(4) == b"mine"
+    with plugged_in("shared", Echo(), bench, 0.0):
+        assert plugged("shared").plugged
 
 
 def test_nothing_plugged_in_is_a_missing_port() -> None:
