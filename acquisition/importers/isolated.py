@@ -6,6 +6,7 @@ What this process then reads itself - its own recordings, results, constants - a
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict
+from multiprocessing.spawn import get_executable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -152,9 +154,10 @@ class IsolatedReader:
     def _start(self) -> None:
         """Raises `ReaderNotStarted` where the child does not come as far as its first request."""
         self.close()
+        python = _interpreter()
         try:
             self._child = subprocess.Popen(
-                [sys.executable, "-P", "-m", _CHILD, str(self._memory_bytes)],
+                [python, "-P", "-m", _CHILD, str(self._memory_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -175,6 +178,20 @@ class IsolatedReader:
             code = self._child.wait()
             self.close()
             raise ReaderNotStarted(f"{_NOT_STARTED} (it ended with {code}). {_MAKE_ROOM}")
+
+
+def _interpreter() -> str:
+    """The Python of child processes. Raises `ReaderNotStarted` in a program that is its own (as PyInstaller makes
+    them): started as a child, it would do all that it does once more, scans among it."""
+    if not getattr(sys, "frozen", False):
+        return sys.executable
+    named = os.fsdecode(get_executable() or "")
+    if named in ("", sys.executable):
+        raise ReaderNotStarted(
+            f"{_NOT_STARTED}: this program ({Path(sys.executable).name}) brings its own Python. Name one that has nlos "
+            "by multiprocessing.set_executable, before anything is read."
+        )
+    return named
 
 
 def read_isolated(path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:

@@ -1,8 +1,10 @@
 """A damaged file can crash, exhaust or hang only the child that reads it."""
 
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator
+from multiprocessing import spawn
 from pathlib import Path
 
 import h5py
@@ -37,6 +39,24 @@ def test_it_reads_what_the_importers_read(tmp_path: Path) -> None:
     assert (here.transient.wall, here.transient.time) == (there.transient.wall, there.transient.time)
     assert (here.notes, here.direct_cut_bins, here.falloff) == (there.notes, there.direct_cut_bins, there.falloff)
     assert np.array_equal(here.time_offset_bins, there.time_offset_bins)
+
+
+def test_a_program_with_a_python_of_its_own_is_not_begun_again_to_read_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As PyInstaller makes them: the child was the whole program, and the file was called damaged."""
+    path, began, python = write(tmp_path / "scan.h5"), tmp_path / "began", sys.executable
+    program = tmp_path / "lab_program"
+    program.write_text(f"#!/bin/sh\ntouch {began}\necho hello\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    monkeypatch.setattr(sys, "executable", str(program))
+    monkeypatch.setattr(spawn, "_python_exe", os.fsencode(program))
+    with pytest.raises(StorageError, match=r"lab_program\).*set_executable"):
+        read_isolated(path)
+    assert not began.exists()
+    multiprocessing.set_executable(python)
+    assert read_isolated(path).direct_cut_bins == 3
 
 
 def test_a_dead_child_is_an_error_and_the_next_file_is_read(tmp_path: Path) -> None:
