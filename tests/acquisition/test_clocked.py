@@ -211,16 +211,26 @@ def test_the_light_is_off_when_a_clocked_scan_is_given_up(bench_settings: Benche
     ],
 )
 def test_light_comes_on_at_the_first_point(
-    bench_settings: Benches, small_plan: Plans, name: str, scheme: Scheme
+    bench_settings: Benches, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, name: str, scheme: Scheme
 ) -> None:
-    """From where it was parked, outside of what the bench allows perhaps, the beam goes there in the dark."""
+    """From where it was parked, outside of what the bench allows perhaps, the beam goes there in the dark; so is the
+    table of places sent, which takes a while."""
     bins = {"bins": 512, "bin_width_ps": 40 if name == "multiharp" else 32, "offset_ns": 10}
-    plan, lit_at = small_plan(histogram=bins), list[MirrorAngles]()
+    plan, lit_at, lit_while_sent = small_plan(histogram=bins), list[MirrorAngles](), list[bool]()
     with open_bench(bench_settings(name=name)) as bench:
         table = bench.simulated
         assert table is not None
         first = checked_angles(plan, bench, aim_of(bench))[0]
         bench.on_event = lambda kind, text: lit_at.append(table.beam) if text == "opened" else None
+        for word in ("load", "load_steps"):
+            if (send := getattr(bench.mirror, word, None)) is not None:
+
+                def sent(*what: object, send: Callable[..., None] = send) -> None:
+                    send(*what)
+                    lit_while_sent.append(table.shutter_open)
+
+                monkeypatch.setattr(bench.mirror, word, sent)
         assert len(list(scan(plan, bench, scheme=scheme))) == len(plan)
+    assert lit_while_sent == ([] if scheme is Scheme.STEPPED else [False])
     assert len(lit_at) == 1
     assert (lit_at[0].x_rad, lit_at[0].y_rad) == pytest.approx((first.x_rad, first.y_rad), abs=1e-3)
