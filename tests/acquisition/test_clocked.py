@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
-from nlos.acquisition.planning.schemes import Scheme, choose
+from nlos.acquisition.planning.schemes import Scheme, choose, forecast
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.clocked import stepping
 from nlos.acquisition.scanning.control import ScanControl, ScanState
@@ -49,6 +49,26 @@ def test_clock_and_host_give_the_same_histograms(bench_settings: Benches, small_
     assert [s.point for s in clocked] == list(plan)
     assert same(stepped, clocked)
     assert events == []
+
+
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+@pytest.mark.parametrize("held", [2, 5, 20])
+def test_a_counter_that_holds_few_points_makes_the_same_scan_as_long_as_was_said(
+    bench_settings: Benches, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, held: int, scheme: Scheme
+) -> None:
+    """Places that only wait for the mirror after a jump take room, too."""
+    plan = small_plan(6, 6, pattern="raster")
+    whole, _ = taken(plan, bench_settings(), scheme)
+    monkeypatch.setattr("nlos.drivers.simulated.tcspc488.firmware.MAX_POINTS", held)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        assert bench.counter.max_points == held
+        predicted = forecast(scheme, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        started_s = bench.clock.now()
+        samples = list(scan(plan, bench, scheme=scheme))
+        took_s = bench.clock.now() - started_s
+    assert [s.point for s in samples] == list(plan)
+    assert same(samples, whole)
+    assert predicted.total_s == pytest.approx(took_s, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["missed", "extra"])
