@@ -126,7 +126,7 @@ def test_points_aligned_by_parts_of_a_bin_under_a_background_that_was_taken_off_
 
 def test_lines_reversed_under_even_light_that_was_taken_off_are_told() -> None:
     """As calibration leaves a raw scan in a lit room: faint light, much noise, and counts below 0."""
-    rng, right = np.random.default_rng(4), scan(0.3)
+    rng, right = np.random.default_rng(4), scan(3.0)
     part = rng.uniform(0, 1, right.exposure_s.shape)
 
     def calibrated(counts: Counts) -> Transient:
