@@ -92,17 +92,17 @@ def lab(
         if faults and not serial:
             pytest.skip("faults of a serial line; USB has tests of its own")
         settings = SETTINGS.validate_python({"model": request.param, **simulated_address(request.param)})
-        unplug("every")
-        table, stack = SimulatedTable(bench, SimulationSettings(serial_latency_ms=1.0), 10e6), ExitStack()
-        backend = far_end(MIRRORS[request.param], settings, table, stack)
+        plugged_ins.close()
+        table = SimulatedTable(bench, SimulationSettings(serial_latency_ms=1.0), 10e6)
+        backend = far_end(MIRRORS[request.param], settings, table, plugged_ins)
         sent: list[bytes] = []
         log = lambda _, way, data: sent.append(data) if way == ">" else None  # noqa: E731
         mirror = open_mirror(settings, bench.clock, log, backend)
         bench.clock.advance_to(AFTER_OPENING_S)
         return Lab(bench, mirror, sent)
 
-    yield make
-    unplug("every")
+    with ExitStack() as plugged_ins:
+        yield make
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -111,7 +111,6 @@ def test_angles_sent_stay_within_each_sides_limit(model: str, dark_bench: Callab
     allowed = {"left_deg": -3.0, "right_deg": 5.0, "bottom_deg": -2.0, "top_deg": 7.0}
     block = {"model": model, **simulated_address(model), "allowed_deg": allowed}
     settings = SETTINGS.validate_python(block)
-    unplug("every")
     with ExitStack() as stack:
         table = SimulatedTable(bench, SimulationSettings(), 10e6)
         mirror = open_mirror(settings, bench.clock, None, far_end(MIRRORS[model], settings, table, stack))
