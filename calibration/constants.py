@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, read_only
 from nlos.acquisition.recording.disk_refusal import told_of
-from nlos.acquisition.recording.new_name import behind_link, put_new
+from nlos.acquisition.recording.new_name import file_to_write, put_new
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.transient import TimeAxis
@@ -135,7 +135,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
     constants.check()
     if os.path.lexists(path) and not overwrite:  # a link to nothing, too
         raise FileExistsError(f"{path} exists; --overwrite replaces it")
-    path = behind_link(path)
+    path = file_to_write(path)
     about = {"devices": dict(constants.devices), "measured_utc": constants.measured_utc, "sources": constants.sources}
     about |= {"bench": constants.bench, "bench_facts": dict(constants.bench_facts)}
     about |= {"warnings": list(constants.warnings)}

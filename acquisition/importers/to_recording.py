@@ -12,7 +12,7 @@ from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import free, pixels
 from nlos.acquisition.recording.empty_file import put_in_place
-from nlos.acquisition.recording.new_name import behind_link
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -48,7 +48,7 @@ def write_recording(
     started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
     if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
-    target = behind_link(target)
+    target = file_to_write(target)
     partial = target.with_name(f".{target.name}.part")
     try:
         with RecordingWriter.create(partial, plan, header, overwrite=True) as writer:

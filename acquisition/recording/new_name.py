@@ -1,13 +1,47 @@
 """Under which name a file is written: one that nothing bears, or that of the file behind a link."""
 
 import os
+import stat
 from pathlib import Path
+
+from nlos.acquisition.errors import StorageError
+
+_MOST_LINKS = 40
+"""In a row; Linux follows as many."""
 
 
 def behind_link(path: Path) -> Path:
     """The file itself, on whatever disk: its lock is beside it, and what is written anew is renamed over it, never over
     a link to it. Every verb writes where a link leads."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def file_to_write(path: Path) -> Path:
+    """As `behind_link`, for a file that is written anew. Raises `StorageError` where a device or a pipe would become a
+    file, links lead in a circle, or somebody else laid one in a folder that is everybody's, as `/tmp`: it may lead to
+    any file of whoever writes (proc_sys_fs(5), protected_symlinks, which a file that is renamed over another evades).
+    """
+    at = path
+    for _ in range(_MOST_LINKS):
+        if not os.path.lexists(at):
+            return behind_link(path)
+        there = at.lstat()
+        if not stat.S_ISLNK(there.st_mode):
+            if not (stat.S_ISREG(there.st_mode) or stat.S_ISDIR(there.st_mode)):
+                raise StorageError(f"{path}: is a device or a pipe, no file that can be replaced. Choose another name.")
+            return behind_link(path)
+        if _laid_by_another(there, at.parent.stat()):
+            raise StorageError(
+                f"{path}: {at} is a link to {os.readlink(at)} that somebody else laid in a folder of everybody's. "
+                "Choose another name, or name the file itself."
+            )
+        at = at.parent / os.readlink(at)
+    raise StorageError(f"{path}: is a link that leads back to itself. Remove it, or choose another name.")
+
+
+def _laid_by_another(link: os.stat_result, folder: os.stat_result) -> bool:
+    everybodys = folder.st_mode & stat.S_ISVTX and folder.st_mode & stat.S_IWOTH
+    return bool(everybodys) and hasattr(os, "geteuid") and link.st_uid not in (os.geteuid(), folder.st_uid)
 
 
 def put_new(path: Path, target: Path, other: str = "name") -> None:

@@ -17,7 +17,7 @@ from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.empty_file import clear, keep_as, put_in_place
 from nlos.acquisition.recording.frames import ended_plan
 from nlos.acquisition.recording.layout import Status
-from nlos.acquisition.recording.new_name import behind_link
+from nlos.acquisition.recording.new_name import behind_link, file_to_write
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
@@ -40,7 +40,7 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
     samples. Raises `InvalidData` where `path` has no complete header, `StorageError` where `target` exists."""
     if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
-    target = behind_link(target)
+    target = file_to_write(target)
     lock = WriterLock(target)
     try:
         with Recording.open(path) as recording:

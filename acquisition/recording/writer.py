@@ -14,7 +14,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.disk_refusal import GONE
 from nlos.acquisition.recording.empty_file import clear, lay_out, put_in_place
 from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
-from nlos.acquisition.recording.new_name import behind_link
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.rescue import Rows, rescue
@@ -84,7 +84,7 @@ class RecordingWriter:
     ) -> Self:
         """A new scan file. It appears under its name only once header and plan are on disk. Raises `StorageError`
         where `path` exists and `overwrite` is not given, another process writes it, or the disk has no room."""
-        there, path = os.path.lexists(path), behind_link(path)  # a link to nothing is there, too
+        there, path = os.path.lexists(path), file_to_write(path)  # a link to nothing is there, too
         lock = lock or WriterLock(path)
         try:
             if there and not overwrite:

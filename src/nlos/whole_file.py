@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nlos.acquisition.recording.disk_refusal import told_of
-from nlos.acquisition.recording.new_name import behind_link, put_new
+from nlos.acquisition.recording.new_name import file_to_write, put_new
 from nlos.writable import check_writable
 
 
@@ -21,7 +21,7 @@ def whole_file(target: Path, *, new: bool = False) -> Iterator[Path]:
     if target.is_dir():
         raise IsADirectoryError(f"{target}: is a folder. Name the file in it.")
     if not new:
-        target = behind_link(target)
+        target = file_to_write(target)
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
     check_writable(target.parent)

@@ -1,5 +1,6 @@
 """Where results cannot be written is said before they are made, and a link to nothing is not replaced."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -95,6 +96,53 @@ def test_every_verb_overwrites_what_a_link_leads_to_and_leaves_the_link(scan: Pa
     assert (here / "disk" / "real").read_bytes() != b"old"
     assert {path.name for path in here.iterdir()} == before
     assert [path.name for path in (here / "disk").iterdir()] == ["real"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="lays a link as another user")
+@pytest.mark.parametrize(
+    ("mode", "folders_user", "follows"), [(0o1777, 0, False), (0o755, 0, True), (0o1777, 54321, True)]
+)
+def test_a_link_that_somebody_else_laid_in_a_folder_of_everybodys_is_not_followed(
+    scan: Path, mode: int, folders_user: int, follows: bool
+) -> None:
+    """It may lead to any file of whoever writes."""
+    here, shared = scan.parent, scan.parent / "shared"
+    nlos(here, "import", scan.name, "-o", "scan.h5", check=True)
+    shared.mkdir()
+    (here / "mine").write_text("old")
+    for name in ("x.h5", "x.npz", "y.npz"):
+        (shared / name).symlink_to(here / "mine" if name[0] == "x" else "x.npz")
+        os.chown(shared / name, 54321 if name[0] == "x" else 0, 0, follow_symlinks=False)
+    os.chown(shared, folders_user, 0)
+    shared.chmod(mode)
+    for words in ("scan five_by_five --bench zero_latency -o shared/x.h5", "recover scan.h5 -o shared/x.h5",
+                  "import scan.npz -o shared/x.h5", "export scan.h5 --to npz -o shared/y.npz"):  # fmt: skip
+        done = nlos(here, *f"{words} --overwrite".split())
+        assert done.returncode == (0 if follows else 6), done.stderr
+        assert follows or "that somebody else laid in a folder of everybody's" in done.stderr
+    assert ((here / "mine").read_bytes() == b"old") is not follows
+    assert sorted(path.name for path in shared.iterdir()) == ["x.h5", "x.npz", "y.npz"]
+
+
+@pytest.mark.parametrize("words", [
+    "scan five_by_five --bench zero_latency -o link.h5", "import scan.npz -o link.h5", "recover scan.h5 -o link.h5",
+    "replay scan.h5 --speed max -o link.h5", "export scan.h5 --to npz -o link.npz", "calibrate scan.h5 -o link.h5",
+    "plan five_by_five --bench zero_latency -o link.h5", "new bench --simulated -o link.yaml",
+])  # fmt: skip
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no pipes with a file's name")
+def test_neither_a_pipe_nor_a_circle_of_links_is_replaced_by_a_file(tmp_path: Path, scan: Path, words: str) -> None:
+    """As /dev/null was, for root."""
+    nlos(tmp_path, "scan", "five_by_five", "--bench", "zero_latency", "-o", "scan.h5", check=True)
+    os.mkfifo(tmp_path / "pipe")
+    link = tmp_path / words.split()[-1]
+    for leads_to, said in (("pipe", "is a device or a pipe"), (link.name, "is a link that leads back to itself")):
+        link.unlink(missing_ok=True)
+        link.symlink_to(leads_to)
+        done = nlos(tmp_path, *f"{words} --overwrite".split())
+        assert done.returncode == 6, done.stderr
+        assert f"{link.name}: {said}" in done.stderr
+        assert link.is_symlink()
+        assert (tmp_path / "pipe").is_fifo()
 
 
 def test_room_is_looked_for_on_the_disk_that_a_link_leads_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

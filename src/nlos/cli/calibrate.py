@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from nlos.acquisition.importers.given import Given
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.bench_constants import folder_of, measured_later
 from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
@@ -160,7 +161,7 @@ def _from_runs(
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
     _refuse_to_replace(target, runs, overwrite)
-    check_writable(target.parent)
+    check_writable(file_to_write(target).absolute().parent)
     points = sum(len(one.raw.counts) for one in loaded)
     terminal.log(f"fitting the direct light of {points} points")
     with Stages("calibrate", "nlos.calibration"):

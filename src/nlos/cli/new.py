@@ -7,6 +7,7 @@ import typer
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.calibration.bench_facts import REAL, SIMULATED
 from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
@@ -45,7 +46,7 @@ def new(
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     refuse_existing(output, overwrite)
-    check_writable(output.parent)
+    check_writable(file_to_write(output).absolute().parent)
     given = dict(_split(each) for each in answer or [])
     if simulated and "port" in given:
         raise UsageError(

@@ -26,6 +26,7 @@ from nlos.acquisition.planning.preflight import (
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose
 from nlos.acquisition.planning.timing import Links, Pace, learned_links, links_of, moves_s
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.response import Response as InstrumentResponse
 from nlos.acquisition.response import gaussian
@@ -137,7 +138,7 @@ def _check_before_light(bench: "BenchSettings", planned: "ScanPlan", asked: Scan
     latch.check(there=bench.shutter_on != "nothing")
     if not bench.safety.dry_run:
         latch.check_place()
-    check_writable(target.absolute().parent)
+    check_writable(file_to_write(target).absolute().parent)
     check_disk(planned, target, round(asked.alarms.min_free_mb * 1e6))
 
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from nlos.acquisition.recording.new_name import behind_link
+from nlos.acquisition.recording.new_name import file_to_write
 from nlos.acquisition.recording.no_such_file import meant_by
 from nlos.cli.exit_codes import UsageError
 from nlos.names_for_one import folded, taken_for_one
@@ -59,7 +59,7 @@ def check_place(path: Path, overwrite: bool, option: str = "-o") -> None:
     and `check_writable` do, and `UsageError` where more than its folder is missing."""
     refuse_existing(path, overwrite, option)
     _check_folder(path, option)
-    check_writable(behind_link(path).absolute().parent, option)
+    check_writable(file_to_write(path).absolute().parent, option)
 
 
 def refuse_existing(path: Path, overwrite: bool, option: str = "-o") -> None:
