@@ -54,8 +54,8 @@ class Ticket:
             fresh.replace(path)
         except OSError as error:
             raise StorageError(
-                f"{path}: cannot be written ({error.strerror}). It lies beside the recording: make room there, or "
-                "serve a link to it that lies where there is some."
+                f"{path}: cannot be written ({error.strerror}). It lies beside the recording: see that files can "
+                "be made there, or serve a link to it that lies where they can."
             ) from error
         finally:
             with suppress(OSError):

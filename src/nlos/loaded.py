@@ -191,7 +191,7 @@ def _rows(recording: Recording, frames: range | None) -> range:
 
 def _load_recording(recording: Recording, frames: range | None) -> LoadedScan:
     """A recording on a grid."""
-    _rows(recording, frames)
+    _rows(recording, frames)  # refuses frames that it has not, or of which no point was taken
     transient = recording.transient(frames)
     sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
     records = recording.intact_records()

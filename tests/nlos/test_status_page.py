@@ -231,7 +231,7 @@ def test_the_command_serves_the_folder_under_the_address_it_says_until_it_is_tol
             page.kill()
 
 
-def test_a_computer_is_called_in_capitals_and_by_its_sixth_address_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_computer_is_called_in_capitals_and_by_its_ipv6_address_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket, "gethostname", lambda: "LAB-PC")  # which browsers send in small letters, others as is
     there = Request(f"/{TOKEN}/", {}, "")
     for host, named in (("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("[0:0::1]", "[::1]")):
