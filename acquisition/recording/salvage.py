@@ -146,7 +146,7 @@ def resume(
     `ResumeRefused` where plan, constants or devices are not those of the recording, or with `same_run` its identity;
     `StorageError` where another process writes it, or where some of it cannot be read: then nothing is changed.
     """
-    path = behind_link(path)
+    path = file_to_write(path)
     lock = WriterLock(path)
     kept = None
     try:

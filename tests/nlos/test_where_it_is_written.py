@@ -115,9 +115,13 @@ def test_a_link_that_somebody_else_laid_in_a_folder_of_everybodys_is_not_followe
         os.chown(shared / name, 54321 if name[0] == "x" else 0, 0, follow_symlinks=False)
     os.chown(shared, folders_user, 0)
     shared.chmod(mode)
-    for words in ("scan five_by_five --bench zero_latency -o shared/x.h5", "recover scan.h5 -o shared/x.h5",
-                  "import scan.npz -o shared/x.h5", "export scan.h5 --to npz -o shared/y.npz"):  # fmt: skip
-        done = nlos(here, *f"{words} --overwrite".split())
+    for words in (
+        "scan five_by_five --bench zero_latency --resume -o shared/x.h5",
+        "scan five_by_five --bench zero_latency --overwrite -o shared/x.h5",
+        "recover scan.h5 --overwrite -o shared/x.h5", "import scan.npz --overwrite -o shared/x.h5",
+        "export scan.h5 --to npz --overwrite -o shared/y.npz",
+    ):  # fmt: skip
+        done = nlos(here, *words.split())
         assert done.returncode == (0 if follows else 6), done.stderr
         assert follows or "that somebody else laid in a folder of everybody's" in done.stderr
     assert ((here / "mine").read_bytes() == b"old") is not follows
