@@ -251,6 +251,12 @@ def test_a_computer_is_called_in_capitals_and_by_its_ipv6_address_too(monkeypatc
                 pass
 
 
+@pytest.mark.parametrize("host", ["[", "[]", "[127.0.0.1]", "ä" * 64])
+def test_what_is_no_address_is_none_of_all_that_this_computer_has(host: str) -> None:
+    with pytest.raises(UsageError, match="--host"):
+        listening_at(host, 0)
+
+
 @pytest.mark.parametrize(
     "token", ["fifteen-letters", "x" * 101, "a-word/with-strokes", "ä" * 20, "two words in one word"]
 )

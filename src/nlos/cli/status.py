@@ -54,11 +54,12 @@ def status(
 def listening_at(host: str, port: int) -> tuple[socket.socket, list[str]]:
     """A socket there, and what browsers that reach it call it, HOST:PORT in small letters as they send it. Raises
     `UsageError` where this computer has no such address, or the port is taken."""
-    host = host.strip("[]").lower()
+    host = re.sub(r"^\[(.*:.*)\]$", r"\1", host).lower()
     try:
         door = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-    except OSError as error:
-        raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
+    except (OSError, TypeError) as error:  # TypeError: letters that no name may hold
+        why = error.strerror if isinstance(error, OSError) else "no computer has such a name"
+        raise UsageError(f"--host {host} --port {port}: {why}. Choose another.") from error
     address = door.getsockname()
     named = f"[{address[0]}]" if ":" in host else host
     return door, [f"{name}:{address[1]}" for name in (named, socket.gethostname().lower(), "127.0.0.1", "localhost")]
