@@ -1,5 +1,5 @@
-"""Hidden light of the pulse before, which comes so late that it is recorded before the present one: it is no ambient
-light, though it comes where that is measured."""
+"""Hidden light of the pulse before, which comes so late that it is recorded before the present one, and the detector's
+afterpulses to that pulse: they are no ambient light, though they come where that is measured."""
 
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +60,8 @@ def dark_stretch(
     warn(
         "before the direct light it is %.2g times as bright as in the darkest stretch behind it, which is taken for "
         "ambient light instead. Light that comes so late that the next pulse overtakes it does that (a slower laser "
-        "shows where from), and a detector that is still blind behind a bright pulse.",
+        "shows where from), as do late afterpulses (a record as long as the laser's period tells how many), and a "
+        "detector that is still blind behind a bright pulse.",
         1 / share,
     )
     return stretch

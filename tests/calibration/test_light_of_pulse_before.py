@@ -66,6 +66,19 @@ def test_nor_where_the_benchs_constants_are_known_and_those_hold_ambient_light_a
     assert float(done.background.per_bin.mean()) == pytest.approx(ambient, rel=0.2)
 
 
+def test_late_afterpulses_are_no_ambient_light_and_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    raw, random = scan(0.0, 0.01), np.random.default_rng(10)
+    after = random.poisson(0.03 * raw.counts.sum(axis=1))  # of clicks; 30 ns later and more
+    late = np.repeat(raw.counts.argmax(axis=1), after) + (30e-9 + random.exponential(10e-9, after.sum())) / WIDTH_S
+    place, later = np.repeat(np.arange(SIDE**2), after), late.astype(int) % (3 * BINS)  # of the period the record's
+    counts = raw.counts.copy()
+    np.add.at(counts, (place[later < BINS], later[later < BINS]), 1)
+    with caplog.at_level(logging.WARNING):
+        done = correct_points(replace(raw, counts=counts))
+    assert "late afterpulses" in caplog.text
+    assert float(done.background.per_bin.mean()) < 0.75 * counts[:, :40].mean()
+
+
 def test_a_detector_that_is_blind_behind_the_pulse_is_no_late_light(caplog: pytest.LogCaptureFixture) -> None:
     raw = scan(0.0, 3.0)
     pulses = np.full(SIDE**2, 8000.0)
