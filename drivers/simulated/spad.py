@@ -89,7 +89,7 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
     step = 1.0 if load < 0.3 else 1 / (1 + load)
     detected: Array = wanted / (1 + load)
     for number in range(200):
-        live = 1 - _preceding(detected, dead)
+        live = np.clip(1 - _preceding(detected, dead), 0, 1)  # of many photons a pulse, a step may overshoot
         settled = after is None or number % 4 == 0  # afterpulses hardly change from step to step
         if after is not None and settled:
             again = share * after.of(detected, live)

@@ -164,6 +164,19 @@ def test_dead_time_and_afterpulses_agree_with_photons_followed_one_by_one(
     assert (np.abs(expected - seen) < 6 * np.sqrt(expected) + 0.02 * expected).all()
 
 
+@pytest.mark.parametrize("photons", [10.0, 100.0])
+@pytest.mark.parametrize("dead_ns", [20.0, 77.0, 99.0, 150.0])
+@pytest.mark.parametrize("afterpulses", [0.0, 0.05])
+def test_a_detector_in_far_too_much_light_clicks_no_more_than_it_can(
+    photons: float, dead_ns: float, afterpulses: float
+) -> None:
+    detector = DetectorSettings(dead_time_ns=dead_ns, afterpulse_probability=afterpulses)
+    pulse = np.exp(-(((np.arange(1562) - 140) / 20) ** 2))
+    clicks = spad.distort(1e-7 + photons * pulse / pulse.sum(), 64e-12, detector)
+    assert (clicks >= 0).all()
+    assert 0.3 < clicks.sum() < 1.1 * max(1562 * 64e-3 / dead_ns, 1.0)
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.integers(1, 400), st.integers(0, 2**31))
 def test_stopping_at_counts_leaves_exactly_that_many_in_the_window(stop: int, number: int) -> None:
