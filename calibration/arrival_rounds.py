@@ -14,6 +14,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.background import is_flat
 from nlos.calibration.by_blocks import chosen
+from nlos.calibration.drawn_wall import fit_near_drawing
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import ImpulseResponse, from_histogram, stack
 from nlos.calibration.matched_filter import match, window_counts
@@ -51,9 +52,11 @@ class TimeOffsets:
     """Photons in the direct pulse above background."""
     background_per_bin: Floats
     wall: WallTiming | None
-    """None where the points cannot tell (fewer than nine, or on one line)."""
+    """None where the points cannot tell (fewer than nine, or on one line), and no drawing of the bench does."""
     response: ImpulseResponse
     bin_width_s: float
+    off_the_drawing: bool = False
+    """Whether the points alone tell no wall, and where the bench's drawing has it does not explain them."""
 
     @property
     def found(self) -> Flags:
@@ -97,6 +100,17 @@ class Record:
     background: Floats
     box: int
     """Bins that a pulse is first looked for with."""
+    scanner_m: Floats | None = None
+    """(3,); where the bench's drawing has the scanner, for points that do not tell; None where nobody says."""
+
+    def wall(self, arrival: Floats, error: Floats, near: WallTiming | None = None) -> WallTiming | None:
+        """By arrivals (N,) in bins and their errors; `near`: as it was found before."""
+        width, x, y = self.time.bin_width_s, self.x, self.y
+        timed = self.time.start_s + arrival * width, error * width
+        free = fit_wall_timing(*timed, x, y, None if near is None or near.drawn else near)
+        if self.scanner_m is None or (free is not None and free.placed):
+            return free
+        return fit_near_drawing(*timed, x, y, self.scanner_m) or free
 
 
 def refined(
@@ -112,7 +126,7 @@ def refined(
     arrival, error = first, np.where(bright, box / 3.5, np.inf)
     template, radius, wall = response, 3 * box, None
     for number in range(ROUNDS):
-        wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y, wall)
+        wall = record.wall(arrival, error, wall)
         predicted = _predicted(wall, x, y, time)
         centre = _centre(arrival, error, wall, predicted, first, width)
         if response is None:
@@ -130,7 +144,7 @@ def refined(
         scatter = wall.rms_s / width if wall else 0.0
         radius = int(np.clip(np.ceil(6 * scatter), SMALLEST_RADIUS_BINS, 3 * box))
     assert template is not None
-    wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y, wall)
+    wall = record.wall(arrival, error, wall)
     predicted = _predicted(wall, x, y, time)
     direct = window_counts(recorded, np.where(np.isfinite(error), arrival, predicted), background, template, width)
     elsewhere = np.zeros(len(recorded), bool)

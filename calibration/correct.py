@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
 from nlos.calibration.arrival_rounds import TimeOffsets
@@ -20,12 +21,12 @@ from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from nlos.calibration.errors import NoDirectPeak
 from nlos.calibration.first_click import doubt_pile_up
-from nlos.calibration.known_arrivals import bins_left, known_arrival_bins, require_arrivals
+from nlos.calibration.known_arrivals import bins_left, is_direct, known_arrival_bins, require_arrivals
 from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.light_of_pulse_before import dark_stretch
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
-from nlos.calibration.time_offset import measure_time_offsets
+from nlos.calibration.time_offset import time_offsets_of
 from nlos.calibration.wall_brightness import HiddenLight, doubt_wall_brightness, wall_brightness
 from nlos.calibration.without_second_pulse import without_second_pulse
 
@@ -75,6 +76,7 @@ class CorrectedPoints:
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
             "arrivals_known": offsets is None,
+            "off_the_drawing": offsets.off_the_drawing if offsets else None,
             "on_a_plane": offsets.on_a_plane if offsets and wall else None,
             "arrival_spread_bins": float(np.std(offsets.measured_bins[offsets.found])) if offsets else None,
             "scanner_position_m": [float(v) for v in wall.scanner_position_m] if wall else None,
@@ -124,13 +126,15 @@ def correct_points(
     else:
         response = None if constants is None else constants.response
         try:
-            offsets = measure_time_offsets(counts, raw.x_m, raw.y_m, raw.time, response, raw.exposure_s > 0)
+            offsets = time_offsets_of(raw, counts, response)
             arrival = offsets.offset_bins
         except NoDirectPeak:
             if constants is None or constants.arrivals is None:
                 raise
-        if constants is not None and constants.arrivals is not None and not (offsets and offsets.on_a_plane):
-            offsets, arrival = None, known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+        if constants is not None and constants.arrivals is not None:
+            by_constants = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+            if offsets is None or not is_direct(offsets, by_constants):
+                offsets, arrival = None, by_constants
     lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
     counts = subtract_dark(undone, raw, constants)
     begin, dark_end = arrival + lead_s / raw.time.bin_width_s, arrival - max(2.0, lead_s / raw.time.bin_width_s)
@@ -163,8 +167,12 @@ def correct(
     total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
     """`correct_points` for a scan on a grid; `sync_count` and `total_count` are (H, W)."""
-    raw, wall = raw_points.from_transient(transient, sync_count, total_count), transient.wall
-    done = correct_points(raw, constants, rectified=rectified, known=known)
+    raw = raw_points.from_transient(transient, sync_count, total_count)
+    return on_grid(correct_points(raw, constants, rectified=rectified, known=known), transient.wall)
+
+
+def on_grid(done: CorrectedPoints, wall: WallGrid) -> Corrected:
+    """Points of a whole grid in row order, as a transient."""
     shape = (done.time.bins, wall.rows, wall.cols)
     return Corrected(
         Transient(

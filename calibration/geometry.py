@@ -48,13 +48,23 @@ class ScannerGeometry:
             ]
         )
         ray = np.stack([np.sin(ax), np.cos(ax) * np.sin(ay), -np.cos(ax) * np.cos(ay)])
-        pitch, yaw = self.wall_pitch_rad, self.wall_yaw_rad
-        right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)])
-        up = np.array([-np.sin(pitch) * np.sin(yaw), np.cos(pitch), -np.sin(pitch) * np.cos(yaw)])
-        normal = np.cross(right, up)
+        right, up, normal = self._wall
         length = -np.tensordot(normal, start, 1) / np.tensordot(normal, ray, 1)
         point = start + length * ray
         return np.tensordot(right, point, 1), np.tensordot(up, point, 1), length + lever / np.cos(ax)
+
+    @property
+    def scanner_m(self) -> Floats:
+        """(3,): the scanner in wall coordinates, z > 0 on the side away from the scene."""
+        return np.asarray(self._wall @ np.array([self.scanner_x_m, self.scanner_y_m, self.wall_distance_m]))
+
+    @property
+    def _wall(self) -> Floats:
+        """(3, 3): its right, its up, its normal towards the scanner."""
+        pitch, yaw = self.wall_pitch_rad, self.wall_yaw_rad
+        right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)])
+        up = np.array([-np.sin(pitch) * np.sin(yaw), np.cos(pitch), -np.sin(pitch) * np.cos(yaw)])
+        return np.stack([right, up, np.cross(right, up)])
 
     def ranges_m(self, x_rad: npt.ArrayLike, y_rad: npt.ArrayLike) -> Floats:
         """From the first mirror to the wall along the beam."""

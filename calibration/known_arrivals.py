@@ -13,6 +13,9 @@ Floats = npt.NDArray[np.float64]
 SHORTEST_S = 1.3e-9
 """A record that ends sooner than this after the direct arrival holds the direct light and nothing else."""
 
+DRIFT_S = 100e-12
+"""By which time zero may have changed since constants were measured: hidden light comes later than that."""
+
 
 def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> int:
     """Bins from the direct arrival on that all of these points record."""
@@ -29,6 +32,15 @@ def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.A
     """Direct arrivals by the constants, in bins after the start of the record."""
     assert constants.arrivals is not None
     return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
+
+
+def is_direct(offsets: TimeOffsets, known_bins: Floats) -> bool:
+    """Whether arrivals that a scan shows itself are direct light's, where constants know them, too, (N,): a wall that
+    is only drawn explains hidden light at points that lie close together."""
+    if offsets.wall is None or not offsets.wall.drawn:
+        return offsets.on_a_plane
+    off_s = np.abs(offsets.measured_bins - known_bins)[offsets.found] * offsets.bin_width_s
+    return bool(offsets.on_a_plane and np.median(off_s) < DRIFT_S)
 
 
 def require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:

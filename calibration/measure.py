@@ -26,7 +26,7 @@ from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.raw_points import RawPoints, joined
 from nlos.calibration.spots_fit import PlacedScanner, place_with_run
 from nlos.calibration.time_offset import measure_time_offsets
-from nlos.calibration.wall_timing import WallTiming
+from nlos.calibration.wall_timing import FEWEST_POINTS, WallTiming
 
 Floats = npt.NDArray[np.float64]
 QUIET_AFTER_S = 15e-9
@@ -115,11 +115,8 @@ def measure_constants(
     log.debug("finding the direct light of %d points", len(raw.counts))
     corrected = correct_points(raw, found)
     offsets = corrected.offsets
-    if offsets is None or offsets.wall is None:
-        raise PoorCalibration(
-            f"{len(raw.counts)} points do not tell wall distance and delay apart: take nine or more that span the wall "
-            "and arrive at different times (a rectified scan does not)."
-        )
+    if offsets is None or offsets.wall is None or not offsets.wall.placed:
+        raise PoorCalibration(_unplaced(raw, offsets))
     drift = measure_drift(raw, offsets)
     if drift is not None and drift.significant:
         offsets = without_drift(raw, offsets, drift)
@@ -148,6 +145,26 @@ def measure_constants(
     )
     own_dead_time = known.dead_time is None and dead_time is not None
     return Measurement(found, raw, corrected, placed, drift, own_dead_time, off_aim)
+
+
+def _unplaced(raw: RawPoints, offsets: TimeOffsets | None) -> str:
+    """Why the points of a scan tell no constants, and what does."""
+    x, y = raw.x_m[raw.exposure_s > 0], raw.y_m[raw.exposure_s > 0]
+    across = np.linalg.svd(np.column_stack([x - x.mean(), y - y.mean()]), compute_uv=False)
+    if len(x) < FEWEST_POINTS:
+        why = "are too few"
+    elif across[-1] < 1e-3 * across[0]:
+        why = "lie on one line"
+    elif offsets is not None and offsets.wall is not None:
+        why = "show direct light at nearly one time, as a circle about the scanner's axis does"
+    else:
+        why = "show direct light at times that tell no scanner (a rectified scan's are all one)"
+    drawn = offsets is not None and offsets.wall is not None and offsets.wall.drawn
+    picture = " A picture needs no constants: `nlos reconstruct` takes the bench file's geometry." if drawn else ""
+    return (
+        f"{len(x)} points do not tell wall distance and delay apart: they {why}. Take nine or more that span the wall, "
+        f"near its middle and far from it.{picture}"
+    )
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:

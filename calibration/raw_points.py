@@ -34,6 +34,8 @@ class RawPoints:
     taken_s: Floats | None = None  # (N,); the middle of the exposure, since the scan's start; None where nobody says
     visits: "RawPoints | None" = None
     """The same photons visit by visit, where points were visited more than once."""
+    scanner_m: Floats | None = None
+    """(3,); where the bench's drawing has the scanner, in wall coordinates; None where nobody says."""
 
     def __post_init__(self) -> None:
         shapes = {a.shape for a in (self.x_m, self.y_m, self.exposure_s, self.sync_count, self.total_count)}
@@ -57,6 +59,7 @@ class RawPoints:
             self.total_count[rows],
             self.time,
             None if self.taken_s is None else self.taken_s[rows],
+            scanner_m=self.scanner_m,
         )
 
     def scaled(self, factor: float) -> "RawPoints":
@@ -238,4 +241,5 @@ def joined(runs: Sequence[RawPoints]) -> RawPoints:
         np.concatenate([run.sync_count for run in runs]),
         np.concatenate([run.total_count for run in runs]),
         first.time,
+        scanner_m=first.scanner_m,
     )

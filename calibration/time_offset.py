@@ -7,15 +7,18 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.arrival_rounds import DETECTION, Record, TimeOffsets, refined
+from nlos.calibration.arrival_rounds import DETECTION, PLANE_S, Record, TimeOffsets, refined
 from nlos.calibration.background import quiet_background
 from nlos.calibration.by_blocks import chosen
+from nlos.calibration.drawn_wall import FEWEST_DRAWN
 from nlos.calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.matched_filter import boxcar_arrival, earliest_pulse, later_pulse, misfit, neighbours
 from nlos.calibration.pane import is_pane
+from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.wall_timing import FEWEST_POINTS
 
+Floats = npt.NDArray[np.float64]
 BOX_S = 100e-12
 ACCEPTED_SHARE = 0.8
 """Of the arrivals near the fitted wall, the fit accepts so many ..."""
@@ -27,7 +30,7 @@ UNLIKE = 0.05
 AS_BRIGHT = 0.1
 """Of what is taken for direct light: a later pulse at `ACCEPTED_SHARE` of the points that may be the wall's."""
 HIDDEN = (
-    "what is brightest at {points} points comes at times that no plane wall explains, and its shape changes from point "
+    "what is brightest at {points} points comes at times that {why}, and its shape changes from point "
     "to point: it is a hidden object's light, and direct light is missing (a gated detector?) or too faint. Time 0 has "
     "to be told: `nlos calibrate` a scan of this bench that has its direct light, and give its constants with "
     "--constants; or use the file's own times of the wall with --set offsets=file."
@@ -50,10 +53,29 @@ def measure_time_offsets(
     recorded = np.asarray(counts)
     x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
     lit = np.ones(len(recorded), bool) if exposed is None else np.asarray(exposed, dtype=bool)
+    return _of_record(_record(recorded, (x, y), time, lit), response)
+
+
+def time_offsets_of(
+    raw: RawPoints, counts: npt.NDArray[np.generic], response: ImpulseResponse | None = None
+) -> TimeOffsets:
+    """The same of a scan's points, whose `counts` (N, T) were corrected: where they lie on one line, on a circle about
+    the scanner's axis, or are few, by where the bench's drawing has the scanner, if light agrees with that."""
+    record = _record(counts, (raw.x_m, raw.y_m), raw.time, raw.exposure_s > 0)
+    return _of_record(replace(record, scanner_m=raw.scanner_m), response)
+
+
+def _record(
+    recorded: npt.NDArray[np.generic], places: tuple[Floats, Floats], time: TimeAxis, lit: npt.NDArray[np.bool_]
+) -> Record:
     box = max(3, round(BOX_S / time.bin_width_s))
     if recorded.shape[1] <= 2 * box:
         raise InvalidData(f"histograms of {recorded.shape[1]} bins are too short to find a pulse of {box} bins in.")
-    record = Record(recorded, x, y, time, lit, quiet_background(recorded), box)
+    return Record(recorded, *places, time, lit, quiet_background(recorded), box)
+
+
+def _of_record(record: Record, response: ImpulseResponse | None) -> TimeOffsets:
+    recorded, lit, box = record.recorded, record.lit, record.box
     first, gain = np.full(len(recorded), box / 2), np.zeros(len(recorded))
     some = chosen(recorded, lit)  # of a scan that has just begun, few
     first[lit], gain[lit] = boxcar_arrival(some, record.background[lit], box)
@@ -62,10 +84,14 @@ def measure_time_offsets(
         behind = _behind_a_pane(record, brightest)
         if behind is not None:
             return behind
-        if brightest.on_a_plane or lit.sum() < FEWEST_POINTS:
+        if _is_direct(record, brightest):
             return brightest
+        if brightest.wall is None and lit.sum() < FEWEST_POINTS:
+            if record.scanner_m is None or brightest.found.sum() < FEWEST_DRAWN:
+                return brightest
+            return _of_earliest_light(record, response) or replace(brightest, off_the_drawing=True)
         if _unlike(record, brightest) > UNLIKE:
-            raise NoDirectPeak(HIDDEN.format(points=int(brightest.found.sum())))
+            raise _hidden(record, brightest)
     except ShutterClosed:
         raise
     except NoDirectPeak:
@@ -73,7 +99,39 @@ def measure_time_offsets(
         if found is None:
             raise
         return found
-    return _of_earliest_light(record, response) or brightest
+    return _of_earliest_light(record, response) or _undrawn(record, response, brightest)
+
+
+def _undrawn(record: Record, response: ImpulseResponse | None, brightest: TimeOffsets) -> TimeOffsets:
+    """The brightest pulses by themselves, where they do not agree with the bench's drawing: that may be wrong."""
+    if brightest.wall is None or not brightest.wall.drawn:
+        return brightest
+    try:
+        return replace(_of_record(replace(record, scanner_m=None), response), off_the_drawing=True)
+    except NoDirectPeak:
+        raise _hidden(record, brightest) from None
+
+
+def _is_direct(record: Record, found: TimeOffsets) -> bool:
+    """Whether a wall explains it. One that is only drawn has to explain nearly all points, of one shape: on a line, or
+    at a few points, some of a hidden object's light would agree with it."""
+    if found.wall is None or not found.wall.drawn:
+        return found.on_a_plane
+    most = found.wall.accepted[found.found].mean() >= ACCEPTED_SHARE
+    return bool(found.on_a_plane and most and _unlike(record, found) <= UNLIKE)
+
+
+def _hidden(record: Record, found: TimeOffsets) -> NoDirectPeak:
+    """With what its times do not agree with."""
+    why = "no plane wall explains"
+    if found.wall is None:
+        why = "tell no wall, for the points are few or lie on one line (some more beside it would tell)"
+    elif found.wall.drawn and record.scanner_m is not None:
+        why = (
+            "the wall does not explain where the bench has it, {2:.2f} m from a scanner at ({0:+.2f} m, {1:+.2f} m) "
+            "(correct the bench file's geometry, if that is wrong)"
+        ).format(*record.scanner_m)
+    return NoDirectPeak(HIDDEN.format(points=int(found.found.sum()), why=why))
 
 
 def _of_earliest_light(record: Record, response: ImpulseResponse | None) -> TimeOffsets | None:
@@ -89,10 +147,14 @@ def _of_earliest_light(record: Record, response: ImpulseResponse | None) -> Time
             found = refined(record, response, first, gain, steps=False)
         except NoDirectPeak:
             continue
-        if found.wall is None or not found.on_a_plane or found.wall.accepted[found.found].mean() < ACCEPTED_SHARE:
+        if found.wall is None or not _is_direct(record, found):
+            continue
+        if found.wall.accepted[found.found].mean() < ACCEPTED_SHARE:
             continue
         seen_there = np.abs(first - found.predicted_bins)[lit] < record.box  # before anything was known of the wall
-        if seen_there.mean() > SEEN_SHARE and np.ptp(found.predicted_bins) > 4 * max(found.rms_bins, 0.1):
+        scatter_s = PLANE_S if found.wall.drawn else max(found.rms_bins, 0.1) * found.bin_width_s
+        tells = np.ptp(found.predicted_bins) * found.bin_width_s > 4 * scatter_s
+        if seen_there.mean() > SEEN_SHARE and tells:
             return _behind_a_pane(record, found) or found
     return None
 

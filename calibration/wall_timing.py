@@ -32,6 +32,13 @@ class WallTiming:
     rms_s: float
     """Scatter of the accepted points about the fit."""
     accepted: npt.NDArray[np.bool_]  # (N,)
+    drawn: bool = False
+    """Whether the bench's drawing, and not the points, told the scanner's place."""
+
+    @property
+    def placed(self) -> bool:
+        """Whether the points themselves tell scanner and delay apart: those of a circle about its axis do not."""
+        return not self.drawn and bool(np.sqrt(self.covariance[2, 2]) < self.scanner_position_m[2])
 
     def arrival_s(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> Floats:
         """Arrival of the direct light from wall points: delay + 2 |scanner - point| / c."""

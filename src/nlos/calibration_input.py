@@ -4,8 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from math import radians
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +17,12 @@ from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.planning.aim import Aim
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.bench_facts import Facts, changes, facts_of
-from nlos.calibration.constants import geometry_of
 from nlos.calibration.errors import ForeignConstants, InvalidData, ShutterClosed
 from nlos.calibration.geometry_fit import RULER_M, Spots
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 from nlos.calibration.wall_size import found_side
 from nlos.cli.terminal import terminal
+from nlos.drawn_bench import aimed_by, scanner_of
 
 if TYPE_CHECKING:
     from nlos.calibration.geometry import ScannerGeometry
@@ -90,11 +89,12 @@ def load_run(run: Path, given: Given = NOTHING) -> RunInput:
         except InvalidData as error:
             raise type(error)(f"{run}: {error}") from error
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
-        aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
+        aim = aimed_by(recording.header.constants_json, recording.header.bench_json)
         safety = json.loads(recording.header.bench_json).get("safety")
         dry_run = isinstance(safety, dict) and bool(safety.get("dry_run", False))
         if not said.get("wall_known", True):
             raw = _on_wall(run, raw, recording.plan.wall.width_m, wall_size_m)
+        raw = replace(raw, scanner_m=scanner_of(aim))
         bench_json, identity = recording.header.bench_json, recording.header.identity
     return RunInput(raw, names, aim, dry_run, bench_json, identity)
 
@@ -173,28 +173,6 @@ def read_spots(path: Path, ruler_m: float = RULER_M) -> "Spots":
     if not np.isfinite(rows).all():
         raise InvalidData(f"{path}: holds numbers that are not finite")
     return Spots(np.deg2rad(x_deg), np.deg2rad(y_deg), x_m, y_m, ruler_m, tuple(lines), str(path))
-
-
-def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
-    """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
-    try:
-        fitted, drawn = (json.loads(text).get("geometry") for text in (constants_json, bench_json))
-        if fitted:
-            return geometry_of(fitted)
-        return _drawn(drawn) if drawn else None
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidData(f"header: the geometry of the bench cannot be read ({error})") from error
-
-
-def _drawn(geometry: Mapping[str, float]) -> "Aim":
-    """As the bench file of a recording drew it."""
-    lengths = ("wall_distance_m", "mirror_separation_m", "scanner_x_m", "scanner_y_m")
-    angles = ("wall_pitch_deg", "wall_yaw_deg")
-    return Aim(
-        float(geometry["wall_distance_m"]),
-        *(float(geometry.get(key, 0.0)) for key in lengths[1:]),
-        *(radians(float(geometry.get(key, 0.0))) for key in angles),
-    )
 
 
 def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:

@@ -24,6 +24,15 @@ def _tell_arrivals(report: Report, tell: Tell) -> None:
     if report["arrivals_known"]:
         tell(logging.INFO, "calibrated: by the constants' arrivals, as no direct light was found in the scan itself")
         return
+    if report["off_the_drawing"]:
+        tell(
+            logging.WARNING,
+            "direct light of %d points tells no wall by itself, and that of the bench file's geometry does not explain "
+            "it: each point was aligned by what is brightest there. Is wall_distance_m right, and is a hidden object "
+            "brighter than the wall? A scan of this bench that spans the wall tells: `nlos calibrate`, --constants",
+            points,
+        )  # fmt: skip
+        return
     if not isinstance(rms_bins, float):
         spread_bins = report["arrival_spread_bins"]
         if points >= 9 and isinstance(spread_bins, float) and spread_bins < 1:

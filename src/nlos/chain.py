@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.unchanged import unchanged
 from nlos.bench_constants import correcting_constants
-from nlos.calibration.correct import CorrectedPoints, correct, correct_points
+from nlos.calibration.correct import CorrectedPoints, correct, correct_points, on_grid
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.known_direct import KnownDirect
-from nlos.calibration.raw_points import from_transient
+from nlos.calibration.raw_points import RawPoints, from_transient
 from nlos.calibration_told import IF_RECTIFIED, tell_calibration
 from nlos.cli.escaped import escaped
 from nlos.direct_cut import cut_direct, tell_of_tail, without_first
@@ -60,10 +60,8 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
     file says it or only constants know."""
     if scan.rectified or scan.no_direct_light:
         return None
-    if scan.points is None:
-        raw, places = from_transient(scan.transient, scan.sync_count, scan.total_count), None
-    else:
-        raw = scan.points
+    raw, places = _raw(scan), None
+    if scan.points is not None:
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
     tell_calibration(done, log.log)
@@ -105,7 +103,7 @@ def _calibrated(
         _check_file_offsets(scan)
     use_file_offsets = use_file_offsets or (scan.no_direct_light and not scan.rectified)
     if scan.points is not None:
-        points = scan.points
+        points = _raw(scan)
         if scan.rectified and scan.direct_cut_bins is not None:
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
         with _or_rectified(_rectified_told(scan)):
@@ -141,10 +139,16 @@ def _calibrated(
             tell_of_light_left_out(done_by.points, tell)
         return done_by.transient, None if of_a_whole is None else of_a_whole.response
     with _or_rectified(_rectified_told(scan)):
-        corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+        corrected = on_grid(correct_points(_raw(scan), constants), transient.wall)
     hear(corrected.points)
     tell_calibration(corrected.points, tell)
     return corrected.transient, _own(corrected.points)
+
+
+def _raw(scan: LoadedScan) -> RawPoints:
+    """Its points as they were taken, or those of its grid in row order."""
+    raw = scan.points or from_transient(scan.transient, scan.sync_count, scan.total_count)
+    return replace(raw, scanner_m=scan.scanner_m)
 
 
 def _refuse_late(scan: LoadedScan) -> None:

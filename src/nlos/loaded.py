@@ -19,6 +19,7 @@ from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.planning.exposure import unbiased_s
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.frames import rows_of
+from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
@@ -28,6 +29,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import SaturatedBins
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient, saturated
 from nlos.calibration.wall_size import found_side
+from nlos.drawn_bench import aimed_by, scanner_of
 from nlos.file_doubts import doubt
 from nlos.recon.gridding import grid_samples
 
@@ -55,6 +57,8 @@ class LoadedScan:
     """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
     bench_json: str = "{}"
     """The bench file that it was taken with, where it is known."""
+    scanner_m: npt.NDArray[np.float64] | None = None
+    """(3,); where that bench has the scanner, in wall coordinates; None where it does not say."""
     response: Response | None = None
     """What the instrument makes of an instant of light, as the file states it."""
     left_aside: int = 0
@@ -245,10 +249,19 @@ def as_recorded(
         _offset_bins(recording, offsets, transient.exposure_s.shape) if isinstance(offsets, list) else None,
         bool(said.get("wall_known", True)),
         bench_json=recording.header.bench_json,
+        scanner_m=_scanner(recording.header),
         response=_response(recording, said.get("response")),
         rectified_assumed=bool(said.get("rectified_assumed", False)),
         no_direct_light=isinstance(offsets, list) and bool(said.get("no_direct_light", False)),
     )
+
+
+def _scanner(header: Header) -> npt.NDArray[np.float64] | None:
+    """A geometry that cannot be read tells nothing: a picture can do without."""
+    try:
+        return scanner_of(aimed_by(header.constants_json, header.bench_json))
+    except InvalidData:
+        return None
 
 
 def _response(recording: Recording, stored: object) -> Response | None:
