@@ -68,6 +68,11 @@ class TimeOffsets:
         return self.found & ~self.wall.accepted if self.wall else np.zeros(len(self.error_bins), bool)
 
     @property
+    def cut(self) -> Flags:
+        """Points whose pulse comes where the record begins, and is not all in it."""
+        return self.found & (np.nan_to_num(self.measured_bins, nan=np.inf) < -self.response.start_s / self.bin_width_s)
+
+    @property
     def residual_bins(self) -> Floats:
         """Measured arrival less the wall's prediction."""
         return self.measured_bins - self.predicted_bins

@@ -76,6 +76,7 @@ class CorrectedPoints:
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
             "arrivals_known": offsets is None,
+            "points_at_the_start": int((offsets.cut & measured).sum()) if offsets else None,
             "off_the_drawing": offsets.off_the_drawing if offsets else None,
             "on_a_plane": offsets.on_a_plane if offsets and wall else None,
             "arrival_spread_bins": float(np.std(offsets.measured_bins[offsets.found])) if offsets else None,

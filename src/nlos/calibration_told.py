@@ -12,6 +12,22 @@ IF_RECTIFIED = (
 )
 
 
+AT_THE_START = 0.1
+"""Of the points: fewer pulses are cut by chance, or bridged by the wall."""
+
+
+def cut_by_the_window(report: Report) -> str:
+    """What to say of a record that begins amid direct light, which then tells no wall; empty of any other."""
+    points, cut = report["points"], report["points_at_the_start"]
+    if report["on_a_plane"] or not isinstance(points, int) or not isinstance(cut, int) or cut < AT_THE_START * points:
+        return ""
+    return (
+        f"the record begins amid direct light: at {cut} of {points} points it comes in the first bins, and is cut "
+        "off. Depths are off by that. Start the histogram a nanosecond earlier (histogram.offset_ns) and scan again, "
+        "or give --constants of a scan of this bench that has all of its direct light"
+    )
+
+
 def tell_calibration(done: CorrectedPoints, tell: Tell) -> None:
     """How well a scan was aligned, and what light of it is not used."""
     _tell_arrivals(done.report(), tell)
@@ -50,7 +66,9 @@ def _tell_arrivals(report: Report, tell: Tell) -> None:
     masked_ns = report["direct_masked_ns"]
     masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
     tell(logging.INFO, "calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
-    if not report["on_a_plane"]:
+    if cut := cut_by_the_window(report):
+        tell(logging.WARNING, "%s", cut)
+    elif not report["on_a_plane"]:
         tell(
             logging.WARNING,
             "arrivals scatter by %.0f ps about a plane wall. Is the wall plane, does the time window hold its direct "

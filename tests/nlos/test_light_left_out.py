@@ -48,3 +48,23 @@ def test_a_tail_that_hides_the_record_is_said_before_there_is_no_light(
     said = capfd.readouterr().err
     assert ("direct light fades so slowly" in said) == bool(tail_s)
     assert "of the light came later" not in said
+    run(["calibrate", str(tmp_path / "raw.h5"), "-o", str(tmp_path / "constants.h5")])
+    assert ("warning: direct light fades so slowly" in capfd.readouterr().err) == bool(tail_s)
+
+
+@pytest.mark.parametrize("begins", ["before", "amid"])
+def test_a_record_that_begins_amid_direct_light_is_told_from_a_wall_that_is_not_plane(
+    begins: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scan = make_raw_scan(
+        wall_m=1.0, direct_counts=800, hidden_counts=300, delay_s=-12.8e-9, bin_width_s=16e-12, scanner_m=(0, 0, 2.0)
+    )
+    start = 0 if begins == "before" else int(np.quantile(scan.arrival_bins, 0.4))
+    with h5py.File(tmp_path / "raw.h5", "w") as file:
+        file["histograms"] = scan.counts.reshape(16, 16, -1)[..., start:]
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"] = scan.bin_width_s, 1.0
+        file.attrs["rectified"] = False
+    for verb in ("reconstruct", "calibrate"):
+        run([verb, str(tmp_path / "raw.h5"), "-o", str(tmp_path / f"{verb}.h5")])
+        said = capfd.readouterr().err
+        assert ("begins amid direct light" in said) == (begins == "amid"), verb

@@ -7,7 +7,9 @@ import numpy as np
 
 from nlos.acquisition.digits import plus_minus
 from nlos.calibration.spots_fit import OFFSETS, poorly_determined
+from nlos.calibration_told import cut_by_the_window
 from nlos.cli.spots import aside_lines, fitted_lines, spots_line, undetermined_line
+from nlos.light_left_out import hidden_by_the_tail
 
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
@@ -57,6 +59,9 @@ def _period_s(found: "Measurement") -> float | None:
 def warnings_of(found: "Measurement", spots: "Spots | None") -> list[str]:
     """What to look at before these constants are used."""
     said = [*found.constants.warnings, *([found.off_aim] if found.off_aim else [])]
+    if found.corrected is not None:
+        scan = cut_by_the_window(found.corrected.report()), hidden_by_the_tail(found.corrected)
+        said += [each for each in scan if each]
     if found.placed is None:
         return said
     fit = found.placed.fit
