@@ -168,11 +168,12 @@ def _judge(
         return weight, rest * model, rest * background * flat, alone
 
     weight, model, empty, alone = fitted(near)
-    noise = of_sums.deviation(left) ** 2  # its expected value is the variance, whatever the mean
+    noise = of_sums.unit * left  # its expected value is the variance, whatever the mean
     missed = (weight * ((left - model) ** 2 - noise)).sum(axis=0)  # (N,)
     there = (weight * ((left - empty) ** 2 - noise)).sum(axis=0)
-    if float(there.sum()) < SURE * float(np.sqrt(count * there.var())):
-        # Of so little light each part is mostly noise, but theirs are independent: what both say there is, there is.
+    if parts.noise.level or float(there.sum()) < SURE * float(np.sqrt(count * there.var())):
+        # Of so little light each part is mostly noise, or how much of it is an estimate, but theirs are independent:
+        # what both say there is, there is.
         weight, model, empty, alone = fitted(np.maximum(scipy.ndimage.convolve1d(had, OTHERS, axis=0), 0))
         there = (weight * (rest * had - empty) * (left - empty)).sum(axis=0)
         missed = there - (weight * (model - empty) * (2 * left - model - empty)).sum(axis=0)
