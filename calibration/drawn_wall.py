@@ -4,8 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-from nlos.calibration.wall_timing import WallTiming
+from nlos.calibration.wall_timing import TimedPoints, WallTiming
 
 Floats = npt.NDArray[np.float64]
 FEWEST_DRAWN = 5
@@ -22,48 +21,31 @@ def fit_near_drawing(
 ) -> WallTiming | None:
     """As `fit_wall_timing`, for a scanner close to `drawn_m` (3,) in wall coordinates: points may lie on one line or
     a circle, or be few. Returns None where fewer than five points have an arrival."""
-    usable = np.isfinite(arrival_s) & np.isfinite(error_s)
-    if usable.sum() < FEWEST_DRAWN:
+    if (np.isfinite(arrival_s) & np.isfinite(error_s)).sum() < FEWEST_DRAWN:
         return None
-    drawn = np.asarray(drawn_m, dtype=np.float64)
+    timed, drawn = TimedPoints.of(arrival_s, error_s, x_m, y_m), np.asarray(drawn_m, dtype=np.float64)
     tape_m = TAPE * float(np.linalg.norm(drawn))
-    metres = arrival_s * SPEED_OF_LIGHT_M_PER_S / 2
-    floor_m = max(float(np.median(error_s[usable])), 1e-13) * SPEED_OF_LIGHT_M_PER_S / 2
-    error_m = np.hypot(np.where(usable, error_s, np.inf) * SPEED_OF_LIGHT_M_PER_S / 2, floor_m)
-
-    def off(p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
-        distance = np.sqrt((x_m[keep] - p[0]) ** 2 + (y_m[keep] - p[1]) ** 2 + p[2] ** 2)
-        return np.asarray((p[3] + distance - metres[keep]) / error_m[keep])
 
     def residuals(p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
-        return np.append(off(p, keep), (p[:3] - drawn) / tape_m)
+        return np.append(timed.residuals(p, keep), (p[:3] - drawn) / tape_m)
+
+    def slopes(p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
+        return np.vstack([timed.slopes(p, keep), np.eye(3, 4) / tape_m])
 
     reach_m = FARTHEST * tape_m
     bounds = (np.append(drawn - reach_m, -np.inf), np.append(drawn + reach_m, np.inf))
-    found, kept = np.append(drawn, 0.0), usable
-    found[3] = -np.median(off(found, usable) * error_m[usable])
+    found, kept = np.append(drawn, timed.delay_m(drawn)), timed.usable
     for step in range(5):
-        solved = scipy.optimize.least_squares(
-            residuals, found, bounds=bounds, loss="linear" if step else "soft_l1", f_scale=2.0, x_scale=[tape_m] * 4,
+        found = scipy.optimize.least_squares(
+            residuals, found, slopes, bounds, loss="linear" if step else "soft_l1", f_scale=2.0, x_scale=[tape_m] * 4,
             args=(kept,), max_nfev=100,
-        )  # fmt: skip
-        found, before = solved.x, kept
-        apart = np.abs(off(found, usable))
-        kept = usable.copy()
-        kept[usable] = apart <= 4 * max(1.4826 * float(np.median(apart)), 1.0)
+        ).x  # fmt: skip
+        before, apart = kept, np.abs(timed.residuals(found, timed.usable))
+        kept = timed.usable.copy()
+        kept[timed.usable] = apart <= 4 * max(1.4826 * float(np.median(apart)), 1.0)
         if kept.sum() < FEWEST_DRAWN:
             return None
         if step and (kept == before).all():
             break
-    rest, jacobian = off(found, kept), np.asarray(solved.jac, dtype=np.float64)
-    information = jacobian.T @ jacobian
-    scatter = max(float((rest**2).mean()), 1.0)
-    to_seconds = np.diag([1.0, 1.0, 1.0, 2 / SPEED_OF_LIGHT_M_PER_S])
-    return WallTiming(
-        scanner_position_m=found[:3].copy(),
-        delay_s=float(found[3] * 2 / SPEED_OF_LIGHT_M_PER_S),
-        covariance=to_seconds @ np.linalg.inv(information) @ to_seconds * scatter,
-        rms_s=float(np.sqrt(np.mean((rest * error_m[kept]) ** 2)) * 2 / SPEED_OF_LIGHT_M_PER_S),
-        accepted=kept,
-        drawn=True,
-    )
+    jacobian, scatter = slopes(found, kept), max(float((timed.residuals(found, kept) ** 2).mean()), 1.0)
+    return timed.timing(found, kept, np.asarray(np.linalg.inv(jacobian.T @ jacobian) * scatter), drawn=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,58 @@ class WallTiming:
         return np.asarray(self.delay_s + 2 * distance / SPEED_OF_LIGHT_M_PER_S)
 
 
+@dataclass(frozen=True)
+class TimedPoints:
+    """Arrivals as lengths of the way to the wall, at points (N,) of it."""
+
+    x_m: Floats
+    y_m: Floats
+    metres: Floats
+    error_m: Floats
+    """Infinite where there is no arrival."""
+    usable: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats) -> Self:
+        """`error_s` (N,) are the arrivals' own standard errors, infinite where there is none; at least one is not."""
+        usable = np.isfinite(arrival_s) & np.isfinite(error_s)
+        floor_m = max(float(np.median(error_s[usable])), 1e-13) * SPEED_OF_LIGHT_M_PER_S / 2
+        error_m = np.hypot(np.where(usable, error_s, np.inf) * SPEED_OF_LIGHT_M_PER_S / 2, floor_m)
+        return cls(x_m, y_m, arrival_s * SPEED_OF_LIGHT_M_PER_S / 2, error_m, usable)
+
+    def residuals(self, p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
+        """By how many standard errors a scanner at `p` (x, y, z, delay, all in m) is off, at the points to keep."""
+        distance = np.sqrt((self.x_m[keep] - p[0]) ** 2 + (self.y_m[keep] - p[1]) ** 2 + p[2] ** 2)
+        return np.asarray((p[3] + distance - self.metres[keep]) / self.error_m[keep])
+
+    def slopes(self, p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
+        """Derivatives of `residuals` by `p`, (points, 4)."""
+        dx, dy = p[0] - self.x_m[keep], p[1] - self.y_m[keep]
+        distance = np.sqrt(dx**2 + dy**2 + p[2] ** 2)
+        columns = [dx / distance, dy / distance, p[2] / distance, np.ones_like(dx)]
+        return np.asarray(np.column_stack(columns) / self.error_m[keep, None])
+
+    def delay_m(self, p: Floats) -> float:
+        """The delay, as a length, that suits a scanner at `p` best."""
+        without = np.append(p[:3], 0.0)
+        return -float(np.median(self.residuals(without, self.usable) * self.error_m[self.usable]))
+
+    def timing(
+        self, p: Floats, accepted: npt.NDArray[np.bool_], covariance: Floats, *, drawn: bool = False
+    ) -> WallTiming:
+        """What was found; `covariance` (4, 4) of `p`."""
+        to_seconds = np.diag([1.0, 1.0, 1.0, 2 / SPEED_OF_LIGHT_M_PER_S])
+        off_m = self.residuals(p, accepted) * self.error_m[accepted]
+        return WallTiming(
+            scanner_position_m=p[:3].copy(),
+            delay_s=float(p[3] * 2 / SPEED_OF_LIGHT_M_PER_S),
+            covariance=to_seconds @ covariance @ to_seconds,
+            rms_s=float(np.sqrt(np.mean(off_m**2)) * 2 / SPEED_OF_LIGHT_M_PER_S),
+            accepted=accepted,
+            drawn=drawn,
+        )
+
+
 def fit_wall_timing(
     arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats, near: WallTiming | None = None
 ) -> WallTiming | None:
@@ -65,20 +117,7 @@ def fit_wall_timing(
     extent = float(np.sqrt((spread**2).sum(axis=1).max()))
     if np.linalg.matrix_rank(spread, tol=1e-6 * max(extent, 1e-9)) < 2:
         return None
-    metres = arrival_s * SPEED_OF_LIGHT_M_PER_S / 2
-    floor_m = max(float(np.median(error_s[usable])), 1e-13) * SPEED_OF_LIGHT_M_PER_S / 2
-    error_m = np.hypot(np.where(usable, error_s, np.inf) * SPEED_OF_LIGHT_M_PER_S / 2, floor_m)
-
-    def residuals(p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
-        distance = np.sqrt((x_m[keep] - p[0]) ** 2 + (y_m[keep] - p[1]) ** 2 + p[2] ** 2)
-        return np.asarray((p[3] + distance - metres[keep]) / error_m[keep])
-
-    def slopes(p: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
-        dx, dy = p[0] - x_m[keep], p[1] - y_m[keep]
-        distance = np.sqrt(dx**2 + dy**2 + p[2] ** 2)
-        columns = [dx / distance, dy / distance, p[2] / distance, np.ones_like(dx)]
-        return np.asarray(np.column_stack(columns) / error_m[keep, None])
-
+    timed = TimedPoints.of(arrival_s, error_s, x_m, y_m)
     bounds = ([-np.inf, -np.inf, 0.02 * extent, -np.inf], np.inf)
     starts = [np.array([*origin, ratio * extent, 0.0]) for ratio in (1.0, 4.0)]
     if near is not None and near.accepted[usable].mean() > NEARLY_ALL:
@@ -86,10 +125,10 @@ def fit_wall_timing(
 
     def searched(start: Floats) -> Any:
         start[2] = max(start[2], bounds[0][2])
-        start[3] = -np.median(residuals(start, usable) * error_m[usable])
+        start[3] = timed.delay_m(start)
         return scipy.optimize.least_squares(
-            residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,),
-            max_nfev=_MOST_STEPS,
+            timed.residuals, start, timed.slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4,
+            args=(usable,), max_nfev=_MOST_STEPS,
         )  # fmt: skip
 
     cost = attrgetter("cost")
@@ -98,7 +137,7 @@ def fit_wall_timing(
         best = min(best, searched(np.array([*origin, _WITHOUT_END * extent, 0.0])), key=cost)
     accepted, solution = usable, best.x
     for _ in range(4):
-        off = residuals(solution, usable)
+        off = timed.residuals(solution, usable)
         limit = 4 * max(1.4826 * float(np.median(np.abs(off))), 1e-6)
         kept = usable.copy()
         kept[usable] = np.abs(off) <= limit
@@ -108,19 +147,13 @@ def fit_wall_timing(
             break
         accepted = kept
         solution = scipy.optimize.least_squares(
-            residuals, solution, slopes, bounds, x_scale=[extent] * 4, args=(accepted,), max_nfev=_MOST_STEPS
-        ).x
-    off = residuals(solution, accepted)
-    jacobian = slopes(solution, accepted)
+            timed.residuals, solution, timed.slopes, bounds, x_scale=[extent] * 4, args=(accepted,),
+            max_nfev=_MOST_STEPS,
+        ).x  # fmt: skip
+    off = timed.residuals(solution, accepted)
+    jacobian = timed.slopes(solution, accepted)
     information = jacobian.T @ jacobian
     if solution[2] > _FARTHEST * extent or np.linalg.cond(information) > 1e15:
         return None
-    to_seconds = np.diag([1.0, 1.0, 1.0, 2 / SPEED_OF_LIGHT_M_PER_S])
     scatter = float((off**2).sum() / max(len(off) - 4, 1))
-    return WallTiming(
-        scanner_position_m=solution[:3].copy(),
-        delay_s=float(solution[3] * 2 / SPEED_OF_LIGHT_M_PER_S),
-        covariance=to_seconds @ np.linalg.inv(information) @ to_seconds * scatter,
-        rms_s=float(np.sqrt(np.mean((off * error_m[accepted]) ** 2)) * 2 / SPEED_OF_LIGHT_M_PER_S),
-        accepted=accepted,
-    )
+    return timed.timing(solution, accepted, np.asarray(np.linalg.inv(information) * scatter))
