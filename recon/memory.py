@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.control_group import bytes_left
 
 GIB = 1 << 30
 _UNKNOWN = 1 << 62
@@ -26,11 +27,11 @@ class KnownMemory(Protocol):
 
 
 def available_bytes() -> int:
-    """Memory that may still be taken: of the machine, the control group and this process's own limit."""
+    """Memory that may still be taken: of the machine, the control groups and this process's own limit."""
     limits = [_of_machine()]
-    group = _number("/sys/fs/cgroup/memory.max")
+    group = bytes_left()
     if group is not None:
-        limits.append(group - (_number("/sys/fs/cgroup/memory.current") or 0))
+        limits.append(group)
     if sys.platform != "win32":  # which has neither such limits nor the module
         import resource
 
@@ -71,14 +72,6 @@ def _of_machine() -> int:
     if sys.platform == "win32":
         return _UNKNOWN
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def _number(path: str) -> int | None:
-    try:
-        text = Path(path).read_text().strip()
-    except OSError:
-        return None
-    return int(text) if text.isdigit() else None
 
 
 def _gib(count: int) -> str:

@@ -1,0 +1,60 @@
+"""What the control groups of this process leave of memory: of a batch system, a container, a service.
+
+Groups lie within each other, and each has a limit of its own. Source: Linux, Documentation/admin-guide/cgroup-v2.rst
+and cgroup-v1/memory.rst.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+_FILES = {2: ("memory.max", "memory.current", "inactive_file"),
+          1: ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")}  # fmt: skip
+"""Version -> the files of a group's limit and use, and the line of `memory.stat` that is given back when asked for."""
+
+
+def bytes_left(mounted: Path = Path("/sys/fs/cgroup"), of_process: Path = Path("/proc/self/cgroup")) -> int | None:
+    """The least that any of the groups leaves; None where none has a limit."""
+    try:
+        left = [_left(group, version) for group, version in _groups(mounted, of_process)]
+    except OSError:
+        return None
+    return min((each for each in left if each is not None), default=None)
+
+
+def _groups(mounted: Path, of_process: Path) -> Iterator[tuple[Path, int]]:
+    """This process's group of memory and those that it lies in, to the one that is mounted, with their version."""
+    for line in of_process.read_text().splitlines():
+        _, controllers, name = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        version, top = (1, mounted / "memory") if controllers else (2, mounted)
+        group = top / name.lstrip("/")
+        yield top, version
+        while group != top:
+            yield group, version
+            group = group.parent
+
+
+def _left(group: Path, version: int) -> int | None:
+    """None where the group has no limit, or is not to be seen from within a container."""
+    of_limit, of_use, cached = _FILES[version]
+    limit, used = _number(group / of_limit), _number(group / of_use)
+    if limit is None or used is None:
+        return None
+    return limit - used + _of_stat(group / "memory.stat", cached)
+
+
+def _of_stat(path: Path, key: str) -> int:
+    try:
+        lines = dict(line.split(" ", 1) for line in path.read_text().splitlines() if " " in line)
+        return int(lines.get(key, "0"))
+    except (OSError, ValueError):
+        return 0
+
+
+def _number(path: Path) -> int | None:
+    try:
+        text = path.read_text().strip()
+    except OSError:
+        return None
+    return int(text) if text.isdigit() else None

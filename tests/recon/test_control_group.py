@@ -1,0 +1,54 @@
+"""Memory that a batch system or a container leaves, from files as Linux writes them."""
+
+from pathlib import Path
+
+import pytest
+
+from nlos.recon.control_group import bytes_left
+
+GIB = 1 << 30
+
+
+def group(folder: Path, limit: str, used: int, cached: int, version: int = 2) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ("memory.max", "memory.current") if version == 2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+    (folder / names[0]).write_text(f"{limit}\n")
+    (folder / names[1]).write_text(f"{used}\n")
+    key = "inactive_file" if version == 2 else "total_inactive_file"
+    (folder / "memory.stat").write_text(f"anon {used - cached}\nfile {cached}\n{key} {cached}\n")
+
+
+@pytest.fixture
+def of_process(tmp_path: Path) -> Path:
+    return tmp_path / "cgroup"
+
+
+def test_a_job_of_a_batch_system(tmp_path: Path, of_process: Path) -> None:
+    """Its limit is on the job; the group of the step within it has none, and the root has no such file at all."""
+    of_process.write_text("0::/system.slice/slurmstepd.scope/job_7/step_0/user/task_0\n")
+    job = tmp_path / "system.slice/slurmstepd.scope/job_7"
+    group(job, str(4 * GIB), 3 * GIB, 0)
+    group(job / "step_0/user/task_0", "max", GIB, 0)
+    assert bytes_left(tmp_path, of_process) == GIB
+
+
+def test_what_is_only_kept_of_files_is_given_back(tmp_path: Path, of_process: Path) -> None:
+    """A recording of 3 GiB that was just read fills a container of 4, and leaves 3.5 of them."""
+    of_process.write_text("0::/\n")
+    group(tmp_path, str(4 * GIB), 7 * GIB // 2, 3 * GIB)
+    assert bytes_left(tmp_path, of_process) == 7 * GIB // 2
+
+
+def test_the_first_version_beside_the_second(tmp_path: Path, of_process: Path) -> None:
+    of_process.write_text("9:name=systemd:/\n5:cpu,cpuacct:/x\n4:memory:/jobs/7\n0::/\n")
+    group(tmp_path / "memory", str((1 << 63) - 4096), 9 * GIB, 0, version=1)
+    group(tmp_path / "memory/jobs/7", str(2 * GIB), GIB, GIB // 4, version=1)
+    assert bytes_left(tmp_path, of_process) == 5 * GIB // 4
+
+
+def test_no_limit_anywhere(tmp_path: Path, of_process: Path) -> None:
+    assert bytes_left(tmp_path, of_process) is None
+    of_process.write_text("0::/user.slice\n")
+    assert bytes_left(tmp_path, of_process) is None
+    group(tmp_path / "user.slice", "max", GIB, 0)
+    assert bytes_left(tmp_path, of_process) is None
