@@ -17,9 +17,9 @@ _WIDTHS = 6
 _LATEST_S = 0.6e-9
 """... and from here on a surface 9 cm off may be as even."""
 _AS_SHARP = 2.5
-"""Times as wide as the direct pulse, at most."""
+"""Full widths of the direct pulse, within which it falls to its half at the latest."""
 _FAINTEST = 0.002
-"""Of the direct pulse."""
+"""Of what is left of the direct pulse where histograms begin at its maximum: of all of it half as much."""
 _SURE = 8.0
 """Standard errors from which on a pulse is believed."""
 _EVEN = 0.3

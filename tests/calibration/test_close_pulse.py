@@ -2,13 +2,14 @@
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.close_pulse import close_pulse
+from nlos.calibration.close_pulse import ClosePulse, close_pulse
 from nlos.calibration.correct import correct_points
 from nlos.calibration.raw_points import RawPoints
 
@@ -59,6 +60,71 @@ def test_the_direct_pulse_of_aligned_histograms_is_as_wide_as_its_falling_half_s
     found = close_pulse(counts, smooth, (0, 17), WIDTH_S)  # 4.8 widths behind it
     assert found is not None
     assert found.lag_s == pytest.approx(24 * WIDTH_S)
+
+
+def two_pulses(
+    lag: int,
+    *,
+    share: float = 0.1,
+    wide: float = 5.0,
+    again: float = 5.0,
+    base: float = 0.0,
+    differ: float = 0.0,
+    photons: float = 4000.0,
+    bin_width_s: float = WIDTH_S,
+) -> ClosePulse | None:
+    """What is found in histograms without noise that begin at the maximum of a pulse `wide` bins wide, of which
+    `share` comes `lag` bins later, `again` bins wide, on a `base`; at half of the points more of it by `differ`, at
+    the others less."""
+    bins = np.arange(200)
+    first, second = (np.exp(-4 * np.log(2) * ((bins - at) / of) ** 2) for at, of in ((0, wide), (lag, again)))
+    each = share * (1 + differ * np.tile([[-1.0], [1.0]], (200, 1)))
+    counts = photons * np.linspace(0.5, 1.5, 400)[:, None] * (first + base + each * second)
+    smooth = photons * (first + base + share * second)
+    turn = int(np.argmin(smooth[:lag]))
+    return close_pulse(counts.astype(np.float32), smooth, (0, turn), bin_width_s)
+
+
+@pytest.mark.parametrize(
+    ("lag", "share", "base", "end_bin", "as_high"),
+    [
+        (12, 0.1, 0.0, 18, 0.0916),  # as far behind its maximum as the minimum is before it; both stand on its flanks
+        (20, 0.1, 0.0, 30, 0.1),
+        (29, 0.1, 0.0, 39, 0.1),  # three half widths, the maximum's bin and one more
+        (20, 0.1, 0.02, 30, 0.098),
+        (20, 0.003, 0.0, 30, 0.003),
+    ],
+)
+def test_a_second_pulse_is_masked_to_its_end_and_told_as_high_as_it_is(
+    lag: int, share: float, base: float, end_bin: int, as_high: float
+) -> None:
+    found = two_pulses(lag, share=share, base=base, photons=1e5)
+    assert found is not None
+    assert found.lag_s == pytest.approx(lag * WIDTH_S)
+    assert found.end_bin == end_bin
+    assert found.share == pytest.approx(as_high, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("there", "none"),
+    [
+        ({"lag": 18, "bin_width_s": 32e-12}, {"lag": 20, "bin_width_s": 32e-12}),  # 0.6 ns, whatever its width
+        ({"lag": 29, "bin_width_s": 10e-12}, {"lag": 32, "bin_width_s": 10e-12}),  # six widths
+        ({"lag": 18, "wide": 3.0, "again": 14.0}, {"lag": 18, "wide": 3.0, "again": 16.0}),
+        ({"lag": 20, "differ": 0.25}, {"lag": 20, "differ": 0.35}),
+        (
+            {"lag": 20, "share": 0.0015, "base": 0.01, "photons": 1e5},
+            {"lag": 20, "share": 0.0009, "base": 0.01, "photons": 1e5},
+        ),
+        ({"lag": 20, "share": 0.02, "photons": 40.0}, {"lag": 20, "share": 0.01, "photons": 4.0}),
+    ],
+    ids=["late", "widths behind", "wide", "uneven", "faint", "unsure"],
+)
+def test_what_is_late_wide_uneven_faint_or_unsure_is_no_second_pulse(
+    there: dict[str, Any], none: dict[str, Any]
+) -> None:
+    assert two_pulses(**there) is not None
+    assert two_pulses(**none) is None
 
 
 def test_one_that_can_be_taken_out_with_what_it_shows_once_more_is_not_masked(caplog: pytest.LogCaptureFixture) -> None:
