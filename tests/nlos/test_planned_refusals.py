@@ -51,9 +51,10 @@ def test_a_place_where_no_trip_could_be_written_down_refuses_the_plan(nlos: Nlos
     assert refusals(nlos)[0] == 4
 
 
-def test_a_disk_without_room_refuses_the_plan(nlos: Nlos, tmp_path: Path) -> None:
-    free_mb = shutil.disk_usage(tmp_path).free / 1e6
-    (tmp_path / "scan.yaml").write_text(f"{SMALL}alarms: {{min_free_mb: {free_mb * 2:.0f}}}\n")
+def test_a_disk_without_room_refuses_the_plan(nlos: Nlos, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)  # as it is now: others write on this disk, too
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: usage)
+    (tmp_path / "scan.yaml").write_text(f"{SMALL}alarms: {{min_free_mb: {usage.free / 1e6 * 2:.0f}}}\n")
     code, said, told = refusals(nlos)
     assert code == 6
     assert "MB free beside it (alarms.min_free_mb)" in said
