@@ -66,6 +66,21 @@ def test_who_armed_a_bench_and_from_where_is_written_down(monkeypatch: pytest.Mo
     assert [each for each in told if "armed" in each] == [f"armed by {who}, {here}", f"armed by {who}, {there}"]
 
 
+@pytest.mark.parametrize("missing", [KeyError("uid 4711"), OSError("no username"), ImportError("no pwd")])
+def test_a_user_without_a_name_may_have_light(missing: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def getuser() -> str:
+        raise missing
+
+    monkeypatch.setattr("getpass.getuser", getuser)
+    told: list[str] = []
+    with open_bench(armed(remote=True)) as bench:
+        bench.on_event = lambda kind, text: told.append(text)
+        bench.shutter.open()
+        assert bench.simulated is not None
+        assert bench.simulated.shutter_open
+    assert any(each.startswith("armed by an unnamed user, ") for each in told)
+
+
 def test_light_that_a_signal_has_shut_already_is_not_announced() -> None:
     told: list[str] = []
     with open_bench(armed(delay_s=5.0, remote=True)) as bench:
