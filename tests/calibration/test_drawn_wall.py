@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S as C
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.correct import correct_points
+from nlos.calibration.drawn_wall import fit_near_drawing
 from nlos.calibration.errors import NoDirectPeak, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.measure import measure_constants
@@ -118,3 +120,38 @@ def test_the_drawing_puts_the_scanner_where_its_beam_comes_from() -> None:
     right, up, off = drawn.scanner_m
     assert off > 0
     np.testing.assert_allclose(np.sqrt((x_m - right) ** 2 + (y_m - up) ** 2 + off**2), range_m, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 6.0])
+def test_the_place_is_where_arrivals_and_drawing_agree_best_and_its_errors_are_theirs(scatter: float) -> None:
+    x, error_s, drawn = np.linspace(-0.5, 0.5, SIDE), 2e-12, np.array([0.22, 0.12, 1.52])
+    way_m = np.sqrt((x - 0.2) ** 2 + 0.1**2 + 1.5**2)
+    arrival_s = 3e-9 + 2 * way_m / C + scatter * error_s * np.random.default_rng(1).normal(size=SIDE)
+    found = fit_near_drawing(arrival_s, np.full(SIDE, error_s), x, 0 * x, drawn)
+    assert found is not None
+    assert found.accepted.all()
+
+    def off(p: np.ndarray) -> np.ndarray:
+        there_s = p[3] + 2 * np.sqrt((x - p[0]) ** 2 + p[1] ** 2 + p[2] ** 2) / C
+        errors_s = np.sqrt(2) * error_s  # each arrival's own and the median one
+        return np.append((there_s - arrival_s) / errors_s, (p[:3] - drawn) / (0.03 * np.linalg.norm(drawn)))
+
+    at = np.append(found.scanner_position_m, found.delay_s)
+    steps = np.diag([1e-6, 1e-6, 1e-6, 1e-14])
+    slopes = np.stack([(off(at + step) - off(at - step)) / (2 * step.sum()) for step in steps], axis=1)
+    alone = np.linalg.inv(slopes.T @ slopes)
+    assert (np.abs(alone @ slopes.T @ off(at)) < 0.01 * np.sqrt(np.diag(alone))).all()
+    chance = max(np.mean(off(at)[:SIDE] ** 2), 1.0)
+    assert (chance > 2) == (scatter > 0)
+    scale = np.sqrt(np.outer(np.diag(alone), np.diag(alone)))
+    assert found.covariance / scale == pytest.approx(alone * chance / scale, abs=1e-3)
+
+
+@pytest.mark.parametrize(("off", "found_off"), [(2.9, 2.9), (4.0, 3.0)])
+def test_a_scanner_is_looked_for_within_three_errors_of_a_tape(off: float, found_off: float) -> None:
+    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.5, 0.5, SIDE)] * 2))
+    away_m = 1.5 * (1 + 0.03 * off)
+    error_s = np.full(len(x), 1e-13)
+    found = fit_near_drawing(2 * np.sqrt(x**2 + y**2 + away_m**2) / C, error_s, x, y, (0.0, 0.0, 1.5))
+    assert found is not None
+    assert found.scanner_position_m == pytest.approx([0.0, 0.0, 1.5 * (1 + 0.03 * found_off)], abs=1e-4)
