@@ -13,6 +13,7 @@ from nlos.configs.load import ConfigError, load, names, parse
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.bench_settings import AllowedArea
 from nlos.drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
+from nlos.drivers.exit_paths import light_may_be_on
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.silence import COROUTINES
 from nlos.drivers.simulated.faults import Fault
@@ -303,6 +304,16 @@ def test_the_allowed_area_is_checked_on_every_side() -> None:
     for x_m, y_m in ((-0.51, 0.0), (0.41, 0.0), (0.0, -0.31), (0.0, 0.21), (float("nan"), 0.0)):
         with pytest.raises(LimitError, match="outside the allowed area"):
             area.check(x_m, y_m)
+
+
+def test_light_may_be_on_only_from_before_it_comes_until_it_is_off() -> None:
+    assert not light_may_be_on()
+    with bench() as (opened, _):
+        assert not light_may_be_on()
+        opened.shutter.open()
+        assert light_may_be_on()
+        opened.shutter.close()
+        assert not light_may_be_on()
 
 
 def test_one_bench_at_a_time() -> None:
