@@ -135,6 +135,19 @@ def test_a_trip_that_a_full_disk_cut_off_stands_and_so_does_the_one_after_it(tmp
         assert latch.standing() is None
 
 
+@pytest.mark.parametrize("last", ["2026-11-30T19:00:00+00:00", "2026-11-30T19:00:00+00:00 overr", "\x00" * 40])
+def test_a_last_line_that_is_neither_a_trip_nor_its_end_stands_for_a_trip(tmp_path: Path, last: str) -> None:
+    latch = TripLatch(tmp_path / "bench.log")
+    latch.trip("5e+06 counts/s")
+    latch.clear("Ada")
+    assert latch.standing() is None
+    with latch.path.open("a") as log:
+        log.write(f"{last}\n")
+    assert "what was written down of it ends in" in (latch.standing() or "")
+    latch.clear("Ada")
+    assert latch.standing() is None
+
+
 def test_a_trip_that_does_not_fit_the_disk_is_no_silent_one(tmp_path: Path) -> None:
     latch = TripLatch(tmp_path / "latch.log")
 
