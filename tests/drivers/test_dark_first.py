@@ -10,11 +10,12 @@ from nlos.configs.load import load
 from nlos.drivers import bench as bench_module
 from nlos.drivers import light_out, partial_bench
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.errors import DeviceError, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.errors import DeviceError, DeviceFault, DeviceTimeout, LimitError, ProtocolError
 from nlos.drivers.file_word import own_word
 from nlos.drivers.light_out import make_dark
 from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 from nlos.drivers.trip_latch import TripLatch
 
@@ -92,6 +93,12 @@ def test_a_controller_that_is_not_understood_is_told_to_close_all_the_same(fault
     with pytest.raises(error, match=r"NOT CONFIRMED CLOSED.*Switch the laser off by hand"):
         make_dark(settings("multiharp", fault), kept(sent))
     assert ("triggerscope", DARK) in sent
+
+
+def test_a_contact_that_says_open_is_not_said_to_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Tcspc488Firmware, "_shutter_state", lambda *_: b"CLOS,OPEN")
+    with pytest.raises(DeviceFault, match=r"NOT CONFIRMED CLOSED.*contact says OPEN.*Switch the laser off by hand"):
+        make_dark(settings("simulated"))
 
 
 def test_a_bench_without_a_shutter_says_only_that(monkeypatch: pytest.MonkeyPatch) -> None:
