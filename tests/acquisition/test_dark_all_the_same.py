@@ -13,6 +13,7 @@ from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceLost
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 
@@ -111,3 +112,19 @@ def test_a_shutters_own_cable_that_only_slipped_carries_the_command_once_it_is_b
     assert light(tmp_path)[-1] == last
     assert "NOT CONFIRMED CLOSED" in caplog.text
     assert ("answers again" in caplog.text) == (last == "shutter closed")
+
+
+@pytest.mark.parametrize("name", ["S1, TTL shutter", "S2, TTL shutter"])
+def test_so_does_that_of_a_bench_in_somebodys_hands(
+    tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
+    with pytest.raises(DeviceLost), open_partial_bench(settings, {"mirror"}) as bench:  # noqa: PT012
+        assert bench.shutter is not None
+        assert bench.mirror is not None
+        bench.shutter.open()
+        assert bench.simulated is not None
+        bench.simulated.faults.add(Fault(name="G8", parameters={"replug_after_s": 0.1}))
+        bench.mirror.move_to(MirrorAngles(0.01, 0.01))
+    assert light(tmp_path)[-1] == "shutter closed"
+    assert "answers again" in caplog.text
