@@ -205,6 +205,24 @@ def test_an_interrupt_that_falls_into_a_weak_references_callback_comes_again() -
     assert happened[-1] == "closed"
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks a process")
+def test_a_child_that_was_forked_ends_by_its_signal_and_leaves_the_bench_to_its_parent() -> None:
+    happened: list[str] = []
+    with ExitPaths(happened.append, lambda: happened.append("closed")) as paths:
+        child = os.fork()
+        if not child:
+            code = 1  # nobody ended it
+            try:
+                signal.raise_signal(signal.SIGTERM)
+            except SystemExit as ended:
+                paths.close_once()
+                code = 2 if happened else ended.code
+            finally:
+                os._exit(code)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 128 + signal.SIGTERM
+    assert happened == ["closed"]
+
+
 def test_signals_after_the_first_do_not_cut_its_way_out_short() -> None:
     happened: list[str] = []
     with (  # noqa: PT012
