@@ -190,6 +190,23 @@ def test_an_end_that_falls_into_a_finaliser_comes_again_and_prints_nothing(
     assert capfd.readouterr().err == ""
 
 
+def test_what_else_fails_in_a_finaliser_is_told_to_whom_it_was_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda told: lost.append(told.exc_value))
+    before, error = sys.unraisablehook, ValueError("not the end")
+
+    def fails(_: object) -> None:
+        raise error
+
+    with ExitPaths(lambda why: None, lambda: None):
+        kept = Finalised()
+        watched = weakref.ref(kept, fails)
+        del kept
+    assert watched() is None
+    assert lost == [error]
+    assert sys.unraisablehook is before
+
+
 def test_an_interrupt_that_falls_into_a_weak_references_callback_comes_again() -> None:
     happened: list[str] = []
     kept = Finalised()
