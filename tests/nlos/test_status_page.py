@@ -192,6 +192,7 @@ def test_who_has_the_address_may_look_and_nobody_may_do_anything(data: Path) -> 
         assert 'http-equiv="refresh"' in html
         still = asked(port, "GET", f"/{TOKEN}/?still=1")[1]  # for who reads it line by line, by keys or by ear
         assert "http-equiv" not in still
+        assert ['class="big old"' in each for each in (html, still)] == [True, False]  # a page that holds still is old
         assert [('href="?still=1"' in each, 'href="?"' in each) for each in (html, still)] == [
             (True, False),
             (False, True),
