@@ -4,14 +4,16 @@ import errno
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import pytest
 
+from nlos.acquisition.scanning.alarms import AlarmRaised
+from nlos.acquisition.scanning.dark import shut
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.errors import DeviceLost
+from nlos.drivers.errors import DeviceLost, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
@@ -58,6 +60,23 @@ def test_light_is_shut_again_and_again_although_whoever_is_told_fails(tmp_path: 
         assert bench.simulated is not None
         bench.simulated.faults.add(Fault(name=fault, after_s=bench.clock.now(), times=2))
     assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"]
+
+
+@pytest.mark.parametrize(("trip", "stands"), [(AlarmRaised, False), (SafetyTrip, True)])
+def test_an_alarm_shuts_the_light_and_a_trip_keeps_it_shut(
+    tmp_path: Path, trip: type[SafetyTrip], stands: bool
+) -> None:
+    settings = load("bench", str(bench_file(tmp_path, "S1")), BenchSettings).settings
+    told: list[tuple[str, str]] = []
+    with open_bench(settings) as bench:
+        bench.on_event = lambda kind, text: told.append((kind, text))
+        bench.shutter.open()
+        shut(bench, trip("count rate", "too bright.", "Look at the beam."))
+        assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"]
+        assert [text for kind, text in told if kind == "trip" and "too bright" in text]
+        with pytest.raises(SafetyTrip, match="after a trip") if stands else nullcontext():
+            bench.shutter.open()
+        assert (light(tmp_path)[-1] == "shutter closed") == stands
 
 
 @pytest.mark.parametrize("name", ["S1, TTL shutter", "S2"])
