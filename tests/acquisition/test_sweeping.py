@@ -281,6 +281,28 @@ def test_every_line_begins_at_rest(bench_settings: Benches, small_plan: Plans, l
         assert len(set(made.dwells_s)) == 1
 
 
+def test_a_line_is_commanded_by_its_lag_too_far_from_its_run_up_to_its_end(
+    bench_settings: Benches, small_plan: Plans
+) -> None:
+    plan = fast_plan(small_plan, pattern="raster")
+    with open_bench(bench_settings()) as bench:
+        settle = bench.mirror.settle_s
+        lines = continuous_lines(plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        lines.lag_s = 1.5 * 0.2e-3  # one point and a half
+        end = int(lines.end[0])
+        commands = lines.commands(0, end, settle)
+        told, place = np.stack(axes_rad(commands), axis=1), lines.place[:end]
+        run_up = len(told) - len(place)
+        step_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[1]))
+        assert run_up == int(np.ceil(2 * (step_s + 0.3e-3) / 0.2e-3))
+        assert told[0] == pytest.approx(place[0] - (run_up - 1.5) * (place[1] - place[0]))
+        assert told[run_up:-2] == pytest.approx((place[1:-1] + place[2:]) / 2)
+        assert told[-1] == pytest.approx(place[-1] + 1.5 * (place[-1] - place[-2]))
+        lines.check(settle, len(commands))
+        with pytest.raises(LimitError, match=f"holds {len(commands) - 1} positions; a continuous line of {end} points"):
+            lines.check(settle, len(commands) - 1)
+
+
 def test_lines_end_where_steps_or_dwells_change() -> None:
     place = np.array([(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (2, 1), (1, 1)], dtype=float)
     dwells = np.ones(7)
