@@ -101,6 +101,7 @@ def test_alignment_duty_is_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("words", "said"), [
     (["point", "0", "0", "--light", "500"], "outside 0.2 to 120 s"),
     (["point", "nan", "0"], "is not a place"),
+    (["point", "0", "nan"], "is not a place"),
     (["point", "--deg", "41", "0"], "outside +-40.00 deg"),
     (["point", "2", "0"], "outside the allowed area"),
     (["monitor", "--at", "2", "0", "--for", "1"], "outside the allowed area"),
