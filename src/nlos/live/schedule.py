@@ -56,10 +56,7 @@ class Schedule:
 
     def due(self, count: int, planned: int, growing: bool, last: bool) -> str | None:
         """The method whose picture is to be made now: of those that are due, the one that has waited longest."""
-        now_s = time.monotonic()
-        if count == 0:
-            self._made_s = dict.fromkeys(self._methods, now_s)
-        waiting = [method for method in self._methods if self._is_due(method, count, planned, growing, last, now_s)]
+        waiting = [each for each in self._methods if self._is_due(each, count, planned, growing, last)]
         return min(waiting, key=lambda method: self._made_s.get(method, 0.0), default=None)
 
     def done(self, count: int) -> bool:
@@ -94,8 +91,8 @@ class Schedule:
         in_s = left_s + self.pace.picture_s(method)
         return Coming(method, count if last else wanted, False, in_s if in_s < 1e6 else None)
 
-    def _is_due(self, method: str, count: int, planned: int, growing: bool, last: bool, now_s: float) -> bool:
-        best, made = self._methods[-1], self.of(method)
+    def _is_due(self, method: str, count: int, planned: int, growing: bool, last: bool) -> bool:
+        best, made, now_s = self._methods[-1], self.of(method), time.monotonic()
         if last or not growing or not planned:
             return last and count > made
         if not made:
