@@ -23,7 +23,7 @@ def write_obj(path: Path, reconstruction: Reconstruction) -> None:
     points, normals = surface.points_m, vertex_normals(surface)
     lines = [f"# {reconstruction.method}; metres; x right, y up, z from the wall"]
     lines += [
-        f"v {x:.6g} {y:.6g} {z:.6g} {g:.4g} {g:.4g} {g:.4g}"
+        f"v {x:.9g} {y:.9g} {z:.9g} {g:.4g} {g:.4g} {g:.4g}"
         for (x, y, z), g in zip(points.tolist(), surface.albedo.tolist(), strict=True)
     ]
     lines += [f"vn {x:.4g} {y:.4g} {z:.4g}" for x, y, z in normals.tolist()]

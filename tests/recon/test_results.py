@@ -170,6 +170,14 @@ def test_ply_holds_the_surface_in_metres(made: Reconstruction, tmp_path: Path) -
     assert np.allclose(vertices["normal"], (0, 0, -1), atol=1e-3)  # a flat square looks at the wall
 
 
+def test_an_obj_holds_places_to_the_micrometre(made: Reconstruction, tmp_path: Path) -> None:
+    farther = replace(made, depth_m=made.depth_m + np.float32(1.23456789))
+    write_obj(tmp_path / "s.obj", farther)
+    lines = [line.split() for line in (tmp_path / "s.obj").read_text().splitlines()]
+    depths_m = np.array([line[3] for line in lines if line[0] == "v"], dtype=float)
+    assert np.abs(depths_m - 1.78456789).max() < 5e-7
+
+
 def test_meshes_hold_the_same_surface_and_face_the_wall(made: Reconstruction, tmp_path: Path) -> None:
     write_obj(tmp_path / "s.obj", made)
     lines = [line.split() for line in (tmp_path / "s.obj").read_text().splitlines()]
