@@ -1,6 +1,7 @@
 """A time axis, and the transient that every reconstruction starts from: counts over time and wall."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,15 @@ from nlos.acquisition.wall import WallGrid
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 MOST_COUNTS = 2.0**53
 """In a bin: up to there numbers of any kind are exact, and nobody waits for as many photons."""
+EXACT = 2.0**24
+"""Whole numbers up to there are exact in 32 bits."""
+
+
+def as_floats(counts: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Counts as contiguous floats: of 32 bits, or of 64 where those would round them."""
+    narrow = np.ascontiguousarray(counts, dtype=np.float32)
+    rounded = float(narrow.max(initial=0)) >= EXACT and not np.array_equal(narrow, counts, equal_nan=True)
+    return np.ascontiguousarray(counts, dtype=np.float64) if rounded else narrow
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ def _see_plainly(transient: Transient, plain: Any) -> tuple[MethodResult[Image],
     told: tuple[npt.NDArray[np.float64], ...] = ()
     if transient.response is not None and takes_response(plain):
         told = (transient.response.taps(transient.time.bin_width_s),)
-    return plain(transient.counts, transient.exposure_s, *told), plain.depths_m
+    return plain(transient.counts.astype(np.float32, copy=False), transient.exposure_s, *told), plain.depths_m
 
 
 def check(transient: Transient) -> None:

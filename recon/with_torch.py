@@ -61,7 +61,7 @@ def see(
     module = placed(module, device)
     # A method of one's own may go down gradients, by `torch.enable_grad()`: of inference tensors there are none.
     with torch.no_grad() if own_at else torch.inference_mode():
-        counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None].to(device)
+        counts = torch.from_numpy(np.ascontiguousarray(transient.counts, np.float32))[None, None].to(device)
         exposure_s = torch.from_numpy(np.ascontiguousarray(transient.exposure_s))[None].to(device)
         told: tuple[torch.Tensor, ...] = ()
         if transient.response is not None and takes_response(module):

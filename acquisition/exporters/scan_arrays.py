@@ -12,7 +12,7 @@ from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
 from nlos.acquisition.scanning.free_points import Counts, added
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.transient import EXACT, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
 
@@ -64,9 +64,7 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
     time = TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s)
     if recording.on_grid:
         transient = recording.transient()
-        most = float(transient.counts.max(initial=0))
-        kind = np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64
-        counts: Counts = np.moveaxis(transient.counts, 0, 2).astype(kind, order="C")
+        counts = _whole_sums(recording, transient)
         held = ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
         return _as_its_source(held, recording)
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
@@ -78,6 +76,17 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
         counts = added(counts, place, sample.histogram.counts)
         exposure_s[place] += sample.histogram.live_time_s
     return _as_its_source(ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time), recording)
+
+
+def _whole_sums(recording: Recording, transient: Transient) -> Counts:
+    """The counts of `transient` [H, W, T], added up anew where floats of 32 bits may have rounded them."""
+    bins, rows, cols = transient.counts.shape
+    if float(transient.counts.max(initial=0)) < EXACT:
+        return np.moveaxis(transient.counts, 0, 2).astype(np.uint32, order="C")
+    sums: Counts = np.zeros((rows * cols, bins), dtype=np.uint32)
+    for sample in recording.samples():
+        sums = added(sums, sample.point.row * cols + sample.point.col, sample.histogram.counts)
+    return sums.reshape(rows, cols, bins)
 
 
 def _as_its_source(held: ScanArrays, recording: Recording) -> ScanArrays:
@@ -102,7 +111,7 @@ def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
     """The arrays of another program's scan. Raises `InvalidData` where its counts are not whole numbers."""
     held = scan.held
     counts = held.counts if isinstance(held, FreePoints) else np.moveaxis(held.counts, 0, 2)
-    whole = counts.astype(np.uint32)
+    whole = counts.astype(np.uint32 if counts.max(initial=0) <= np.iinfo(np.uint32).max else np.uint64)
     if not np.array_equal(whole, counts):
         raise InvalidData(f"{path}: its counts are not whole numbers; only photon counts are exported")
     places = (held.x_m, held.y_m) if isinstance(held, FreePoints) else (held.wall.x_m(), held.wall.y_m())

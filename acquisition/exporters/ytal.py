@@ -10,7 +10,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
 from nlos.acquisition.exporters.scan_facts import unsaid
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, as_floats
 
 _NOWHERE_M = (0.0, 0.0, 1.0)
 _H_FORMATS = {"UNKNOWN": 0, "T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
@@ -38,7 +38,7 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
     with written_hdf5(path) as file:
         file.create_dataset(
             "H",
-            data=scan.histograms[::-1].transpose(2, 1, 0).astype(np.float32),
+            data=as_floats(scan.histograms[::-1].transpose(2, 1, 0)),
             compression="gzip",
             compression_opts=1,
         )

@@ -15,7 +15,7 @@ from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, FreePoints, Im
 from nlos.acquisition.importers.separate_points import POINTS, at_midpoints_of, has_points, refuse_other_names
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.response import Response, stated
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import TimeAxis, Transient, as_floats
 from nlos.acquisition.wall import WallGrid, about_their_middle, grid_around
 
 Array = npt.NDArray[Any]
@@ -113,7 +113,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
             notes.append(f"{NO_WALL}; assuming {ASSUMED}")
         counts, exposed = grid.upright(counts), grid.upright(exposed)
         offsets = None if offsets is None else grid.upright(offsets)
-        cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
+        cube = as_floats(np.moveaxis(counts, 2, 0))
         held = Transient(cube, exposed, WallGrid(*(grid.sides_m or assumed_sides_m(*shape)), *shape), time)
     else:
         held = _free(stored, counts, exposed, sides_m, time)
@@ -204,7 +204,7 @@ def _free(
             )
         places.append(values)
     wall = grid_around(places[0], places[1], sides_m)
-    return FreePoints(np.ascontiguousarray(counts, dtype=np.float32), exposed, places[0], places[1], wall, time)
+    return FreePoints(as_floats(counts), exposed, places[0], places[1], wall, time)
 
 
 def _centred(free: FreePoints) -> tuple[FreePoints, list[str]]:

@@ -25,7 +25,7 @@ from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.separate_points import refuse_other_names
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient, as_floats
 from nlos.acquisition.wall import WallGrid
 
 
@@ -123,7 +123,7 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
             notes.append(_without_times(bins, layout))
         elif offsets is not None and (doubt := _too_short(offsets, time.bin_width_s, sides_m)):
             notes.append(doubt)
-    cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
+    cube = as_floats(np.moveaxis(counts, 2, 0))
     if only_offsets := offsets is not None and direct_is_missing(cube, offsets):
         notes.append(SAID)
     transient = Transient(

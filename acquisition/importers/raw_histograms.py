@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, ImportedScan, assumed_sides_m
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import TimeAxis, Transient, as_floats
 from nlos.acquisition.wall import WallGrid
 
 
@@ -25,7 +25,7 @@ def raw_scan(
     if not 1e-13 <= bin_width_s <= 1e-6:
         raise InvalidData(f"{where}: states a bin width of {bin_width_s:g} s; expected 1e-13 to 1e-6 s")
     transient = Transient(
-        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
+        as_floats(np.moveaxis(counts, 2, 0)),
         exposure_s,
         WallGrid(*assumed_sides_m(rows, cols), rows, cols),
         TimeAxis(bins, bin_width_s),

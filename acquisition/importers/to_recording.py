@@ -29,8 +29,13 @@ def write_recording(
     step: Callable[[int], None] = lambda by: None,
 ) -> int:  # fmt: skip
     """Writes `target`, which appears once it is whole, and calls `step(1)` after each point; returns how many points it
-    holds. Raises `InvalidData` where counts are not whole numbers, `StorageError` where `target` exists."""
+    holds. Raises `InvalidData` where counts are not whole numbers of 32 bits, `StorageError` where `target` exists."""
     held = scan.held
+    if (most := float(held.counts.max(initial=0))) > np.iinfo(np.uint32).max:
+        raise InvalidData(
+            f"{source}: {most:.0f} counts in one bin are more than the 32 bits of a recording hold; reconstruct it as "
+            "it is"
+        )
     counts = held.counts.astype(np.uint32)
     if not np.array_equal(counts, held.counts):
         raise InvalidData(

@@ -19,7 +19,7 @@ from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.moveout import at_midpoints, of_every_pair
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_dataset, needed_number, open_hdf5, read_array
 from nlos.acquisition.importers.wall_plane import on_wall
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient, as_floats
 from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.float64]
@@ -240,7 +240,7 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
     if capture.origins is not None:
         offsets += sum(np.linalg.norm(grid - origin, axis=2) for origin in capture.origins) / delta_m
     transient = Transient(
-        np.ascontiguousarray(counts, dtype=np.float32),
+        as_floats(counts),
         np.ascontiguousarray(exposure_s),
         WallGrid(float(pitch_x * cols), float(pitch_y * rows), rows, cols),
         TimeAxis(int(counts.shape[0]), width_s, late_m / SPEED_OF_LIGHT_M_PER_S),

@@ -12,9 +12,10 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.matlab import write_matlab
 from nlos.acquisition.exporters.npz import write_npz
 from nlos.acquisition.exporters.ptu import write_ptu
-from nlos.acquisition.exporters.scan_arrays import ScanArrays, arrays_of_recording
+from nlos.acquisition.exporters.scan_arrays import ScanArrays, arrays_of_import, arrays_of_recording
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.importers.to_recording import write_recording
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import free, pixels
 from nlos.acquisition.recording.provenance import Header
@@ -114,6 +115,24 @@ def test_a_ptu_has_the_tags_that_other_readers_want(even: bool, tmp_path: Path) 
         assert name in tags
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".hdf5"])
+def test_counts_that_floats_of_32_bits_would_round_stay_as_they_are(suffix: str, tmp_path: Path) -> None:
+    counts = scan().histograms + np.uint32(1 << 24)
+    counts[1, 2, 3] = (1 << 32) - 1
+    path = tmp_path / f"scan{suffix}"
+    WRITERS[suffix](replace(scan(), histograms=counts), path)
+    back = read_any(path)
+    assert np.array_equal(np.moveaxis(back.transient.counts, 0, 2), counts)
+    assert np.array_equal(arrays_of_import(back, path).histograms, counts)
+    write_recording(back, path, tmp_path / "run.h5")
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert np.array_equal(arrays_of_recording(recording).histograms, counts)
+    more = replace(back, held=replace(back.transient, counts=back.transient.counts + 1))
+    assert arrays_of_import(more, path).histograms[1, 2, 3] == 1 << 32
+    with pytest.raises(InvalidData, match="4294967296 counts in one bin are more than the 32 bits of a recording hold"):
+        write_recording(more, path, tmp_path / "more.h5")
+
+
 @pytest.mark.parametrize("on_grid", [True, False])
 def test_sums_of_more_than_32_bits_are_exported_as_they_are(on_grid: bool, tmp_path: Path) -> None:
     """Two visits of each of two places; one of their bins holds more than a 32-bit counter could."""
@@ -123,12 +142,12 @@ def test_sums_of_more_than_32_bits_are_exported_as_they_are(on_grid: bool, tmp_p
     gathered = FreePoints(plan)
     with RecordingWriter.create(tmp_path / "run.h5", plan, Header().stamped()) as writer:
         for point in plan:
-            counts = np.array([5, 3 << 30, 0] if point.number % 2 else [1, 2, 3], dtype=np.uint32)
+            counts = np.array([5, (3 << 30) + 1, 0] if point.number % 2 else [1, 2, 3], dtype=np.uint32)
             histogram = Histogram(counts, axis.bin_width_s, 0.0, 1.0, 10**7, int(counts.sum()), HistogramFlag.NONE, 0.0)
             writer.write(sample := Sample(point, histogram, float(point.number)))
             gathered.add(sample)
     with Recording.open(tmp_path / "run.h5") as recording:
         exported = arrays_of_recording(recording)
-    assert exported.histograms.reshape(2, 3).tolist() == [[2, 4, 6], [10, 6 << 30, 0]]
+    assert exported.histograms.reshape(2, 3).tolist() == [[2, 4, 6], [10, (6 << 30) + 2, 0]]
     assert exported.laser_period_s == pytest.approx(100e-9)
-    assert gathered.counts.tolist() == [[2, 4, 6], [10, 6 << 30, 0]]
+    assert gathered.counts.tolist() == [[2, 4, 6], [10, (6 << 30) + 2, 0]]
