@@ -166,14 +166,15 @@ def _without_special(
     PicoHarp's overflows among the photons, as a detector 15 whose delays are all 0."""
     kinds, sizes = np.unique(detectors, return_counts=True)
     timed = np.isin(kinds, detectors[delays > 0])
-    special = ~timed & (sizes >= _FEWEST_SPECIAL) & timed.any()
-    if not special.any():
+    special = ~timed & timed.any()
+    if not (special & (sizes >= _FEWEST_SPECIAL)).any():  # one photon's delay may well be 0
         return times, delays, detectors, []
     kept = ~np.isin(detectors, kinds[special])
     named = [f"{size:,} of 'detector' {kind}" for kind, size in zip(kinds[special], sizes[special], strict=True)]
     note = (
         f"records that all have delay 0 are not imported, {', '.join(named[:_MOST_NAMED])}"
-        f"{', ...' if len(named) > _MOST_NAMED else ''}: not photons but an instrument's special records (overflows)"
+        f"{', ...' if len(named) > _MOST_NAMED else ''}: not photons but an instrument's special records (overflows, "
+        "marks)"
     )
     return times[kept], delays[kept], detectors[kept], [note]
 
@@ -254,6 +255,12 @@ def _sorted(path: Path, photons: _Photons, image: _Image) -> tuple[npt.NDArray[n
         photons.mark_times[photons.mark_bits & bit > 0] for bit in (image.start, image.stop, image.frame)
     )
     lines = marked_lines(starts, stops, frames)
+    if not photons.mark_times.size:
+        raise InvalidData(
+            f"{path}: its tags state an image of {image.rows} lines, and nothing is said to be a mark: name the "
+            "'detectors' that marks were stored as (phconvert: 64 and more) in detectors_specs, as non_photon_id1 = "
+            "[65] and so on. Or import the instrument's own file."
+        )
     if not lines.row.size or lines.row.max() >= image.rows:
         most = lines.row.max() + 1 if lines.row.size else 0
         raise InvalidData(f"{path}: has {most} marked lines in a frame; its tags state {image.rows}")

@@ -143,6 +143,27 @@ def test_an_instruments_overflows_are_no_photons(tmp_path: Path, overflows: int)
     assert any("photons of 2 detectors are added up (1: 2,500, 2: 2,500)" in note for note in scan.notes)
 
 
+def test_a_single_mark_beside_special_records_is_no_photon(tmp_path: Path) -> None:
+    """`phconvert` leaves a scan's marks among the photons, a frame's one as a detector 68, where nobody names them."""
+    held = beside(PHOTONS, 28, detector=65)
+    more = {
+        name: np.append(values, values.dtype.type(last))
+        for (name, values), last in zip(held.items(), (2**40, 0, 68), strict=True)
+    }
+    scan = read_any(write(tmp_path / "marks.h5", **more))
+    assert np.array_equal(scan.transient.counts[:, 0, 0], np.bincount(PHOTONS))
+    assert any("28 of 'detector' 65, 1 of 'detector' 68" in note for note in scan.notes)
+
+
+def test_an_image_whose_marks_nobody_named_is_refused_with_how_to_name_them(converted: Path) -> None:
+    with h5py.File(converted, "r+") as file:
+        of_detectors = file["photon_data/measurement_specs/detectors_specs"]
+        for name in [name for name in of_detectors if name.startswith("non_photon")]:
+            del of_detectors[name]
+    with pytest.raises(InvalidData, match=r"nothing is said to be a mark: .* as non_photon_id1 = \[65\]"):
+        read_any(converted)
+
+
 @pytest.mark.parametrize(("count", "delay"), [(15, 0), (5000, 1), (5000, 511)])
 def test_photons_that_are_few_at_delay_0_or_all_at_another_stay(tmp_path: Path, count: int, delay: int) -> None:
     scan = read_any(write(tmp_path / "few.h5", **beside(PHOTONS, count, delay=delay)))
