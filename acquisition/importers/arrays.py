@@ -72,8 +72,13 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     if exposed is None:
         notes.append("exposure is not stored; assuming 1 s per point")
         exposed = np.ones(shape)
+    elif exposed.size == 1:
+        exposed = np.full(shape, exposed.item())
     elif (exposed := given.beside(exposed, shape)).shape != shape:
-        raise InvalidData(f"{stored.name}: exposure_s: has shape {exposed.shape}, the scan {shape}")
+        raise InvalidData(
+            f"{stored.name}: exposure_s: has shape {exposed.shape}, the scan {shape}: seconds for each point are "
+            "expected, or one number for all"
+        )
     counts, exposed = without_missing(counts, exposed, notes)
     offsets = _flat(stored, "time_offset_bins", counts.ndim)
     if offsets is not None and (offsets := given.beside(offsets, shape)).shape != shape:
@@ -255,7 +260,10 @@ def _wall_size(stored: StoredArrays) -> tuple[float, float] | None:
 def _flag(stored: StoredArrays, key: str, default: bool) -> bool:
     value = stored.beside.get(key, np.asarray(default))
     if value.size != 1 or value.dtype.kind not in "uifb" or value.reshape(()) not in (0, 1):
-        raise InvalidData(f"{stored.name}: {key} is {_shown(value.squeeze())}; true or false, 1 or 0 is expected")
+        remedy = f". {put_there('--rectified or --raw')}" if key == "rectified" else ""
+        raise InvalidData(
+            f"{stored.name}: {key} is {_shown(value.squeeze())}; true or false, 1 or 0 is expected{remedy}"
+        )
     return bool(value.reshape(()))
 
 

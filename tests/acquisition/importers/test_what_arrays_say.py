@@ -51,6 +51,16 @@ def test_axes_hold_for_exposures_too(tmp_path: Path, x_first: bool) -> None:
     assert np.array_equal(np.moveaxis(scan.transient.counts, 0, 2)[3:], COUNTS[3:])
 
 
+@pytest.mark.parametrize("on_grid", [True, False])
+def test_one_exposure_holds_for_all_points(tmp_path: Path, on_grid: bool) -> None:
+    places = {} if on_grid else {"x_m": np.linspace(-0.4, 0.4, 64), "y_m": np.linspace(-0.3, 0.3, 64)}
+    counts = COUNTS if on_grid else COUNTS.reshape(64, 64)
+    scan = read_any(stored(tmp_path / "a.npz", histograms=counts, exposure_s=0.02, **places))
+    assert np.array_equal(scan.held.exposure_s, np.full(counts.shape[:-1], 0.02))
+    with pytest.raises(InvalidData, match=r"exposure_s: has shape \(3,\), .* seconds for each point .* or one number"):
+        read_any(stored(tmp_path / "a.npz", histograms=counts, exposure_s=np.ones(3), **places))
+
+
 def test_exposures_that_are_rows_first_already_stay(tmp_path: Path) -> None:
     path = stored(tmp_path / "a.npz", histograms=COUNTS[:5].transpose(1, 0, 2), exposure_s=EXPOSURE_S[:5])
     scan = read_any(path, Given(axes="XYT", wall_m=(1.0, 0.625)))
