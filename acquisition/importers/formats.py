@@ -9,7 +9,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
-from nlos.acquisition.importers.magic import begins_with, is_hdf5, magic_of
+from nlos.acquisition.importers.magic import begins_with, is_hdf5, magic_of, read_bytes
 from nlos.acquisition.importers.mat_file import by_matlab
 from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
@@ -29,6 +29,9 @@ _PACKED = {
     b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard",
     b"7z\xbc\xaf": "7-Zip", b"Rar!": "RAR",
 }  # fmt: skip
+
+_WORKBOOKS = (".xlsx", ".xlsm", ".ods")
+"""Packed by ZIP, and nothing inside is of use to anybody."""
 
 _OCTAVE = (b"Octave-1", b"# Created by Octave ")
 """What `save -binary` and plain `save` begin a file with."""
@@ -56,7 +59,9 @@ def reader_of(path: Path) -> Reader:
         return read_npz
     if suffix == ".npy" or magic[:6] == b"\x93NUMPY":
         return read_npy
-    if packed is not None:
+    if packed is None and _is_tar(path):
+        packed = "tar"
+    if packed is not None and suffix not in _WORKBOOKS:
         raise InvalidData(f"{path}: is packed by {packed}. Unpack it, and name the file inside.")
     if suffix in PICOQUANT_SUFFIXES:
         return read_picoquant
@@ -77,6 +82,13 @@ def reader_of(path: Path) -> Reader:
         f"{path}: in no format that is read here ({KNOWN_FORMATS}). Its name ends in "
         f"'{suffix}' and it begins with {magic!r}. {how_to_convert()}"
     )
+
+
+def _is_tar(path: Path) -> bool:
+    """Whether a file is a POSIX tar archive, which says so behind the first name in it."""
+    with read_bytes(path) as file:
+        file.seek(257)
+        return file.read(5) == b"ustar"
 
 
 def _reader_of_hdf5(path: Path) -> Reader:

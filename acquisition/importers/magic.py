@@ -14,6 +14,8 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _FIRST_BYTES, _HEAD_BYTES = 1 << 16, 8 << 20
 _SUPERBLOCKS = (0, 512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
 """Where HDF5 may begin; further on nobody puts it."""
+_OF_ZARR = ("zarr.json", ".zgroup", ".zarray")
+"""A file that every Zarr store has, of version 3 and 2."""
 
 
 def is_recording(path: Path) -> bool:
@@ -72,6 +74,8 @@ def read_bytes(path: Path) -> Iterator[BinaryIO]:
 def check_is_file(path: Path) -> None:
     """Raises `FileNotFoundError`, or `IsADirectoryError` for a folder."""
     if path.is_dir():
+        if any((path / name).is_file() for name in _OF_ZARR):
+            raise IsADirectoryError(f"{path}: is a Zarr store, which is not read here. {how_to_convert()}")
         meant = meant_by(path) or f"Name a file in it. One histogram a file? {how_to_convert()}"
         raise IsADirectoryError(f"{path}: is a folder. {meant}")
     if not path.is_file():

@@ -41,9 +41,9 @@ def _own_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
 
 
 def structs_of(path: Path) -> list[str]:
-    """Structs of a file of version 7.3, each with the names in it, and sparse arrays: no scan is looked for there."""
+    """Structs (of version 7.3 with the names in them), cells and sparse arrays: no scan is looked for there."""
     if not is_hdf5(path):
-        return []
+        return [f"{name} (a {kind})" for name, _, kind in scipy.io.whosmat(str(path)) if kind in _NO_NUMBERS]
     with open_hdf5(path) as file:
         here = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
         groups = {name: file[name] for name in here if isinstance(file[name], h5py.Group) and not name.startswith("#")}
@@ -70,6 +70,7 @@ def shapes_of(path: Path) -> dict[str, tuple[int, ...]]:
         raise InvalidData(f"{path}: not a readable MATLAB file ({error or type(error).__name__})") from error
 
 
+_NO_NUMBERS = ("struct", "cell", "sparse", "object", "function", "char")
 _BROKEN = (
     ArithmeticError,
     AttributeError,
@@ -86,8 +87,8 @@ _BROKEN = (
 """What scipy's reader raises on a damaged file, beside its own error."""
 
 
-def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> Array:
-    """One variable in MATLAB's axis order, its size checked before anything is allocated."""
+def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]], kinds: str = "uifb") -> Array:
+    """One variable in MATLAB's axis order, its size checked before anything is allocated; `kinds` of NumPy's types."""
     if is_hdf5(path):
         with open_hdf5(path) as file:
             dataset = find_dataset(file, key)
@@ -106,7 +107,7 @@ def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> A
         array = scipy.io.loadmat(str(path), variable_names=[key]).get(key)
     except (scipy.io.matlab.MatReadError, *_BROKEN) as error:
         raise InvalidData(f"{path}: {key}: cannot be read ({error or type(error).__name__})") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uifb" or array.size == 0:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.size == 0:
         raise InvalidData(f"{path}: {key}: {_instead_of_numbers(array, key)}")
     return array
 

@@ -79,7 +79,9 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     layout = next((layout for layout in _LAYOUTS if layout.key in shapes), None)
     if layout is None:
         known = ", ".join(layout.key for layout in _LAYOUTS)
-        held = ", ".join([*shapes, *structs_of(path)]) or "nothing"
+        structs = structs_of(path)
+        held = ", ".join([*(name for name in shapes if not any(each.startswith(f"{name} (") for each in structs)),
+                          *structs]) or "nothing"  # fmt: skip
         raise InvalidData(
             f"{path}: none of the known scans (histograms; {known}); the file holds {held}. {how_to_convert()}"
         )
@@ -146,7 +148,7 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
 
 def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given, place: str = "histograms") -> ImportedScan:
     """A file of our own exporter, or anybody's with the same names."""
-    beside = {name: read_variable(path, name, shapes) for name in KNOWN if name in shapes}
+    beside = {name: read_variable(path, name, shapes, "uifbU") for name in KNOWN if name in shapes}
     others = tuple(name for name in shapes if name not in (place, *KNOWN))
     counts = read_variable(path, place, shapes)
     return scan_of(StoredArrays(str(path), "MATLAB export", place, counts, beside, others), given)

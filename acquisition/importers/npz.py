@@ -11,7 +11,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import KNOWN, StoredArrays, scan_of
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
-from nlos.acquisition.importers.own_data import how_to_convert
+from nlos.acquisition.importers.own_data import how_to_convert, of_objects
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
 _MAX_RATIO = 1100  # zlib's own limit is about 1032
@@ -36,7 +36,7 @@ def is_npz(path: Path) -> bool:
             return False
     try:
         with zipfile.ZipFile(path) as archive:
-            return any(name.endswith(".npy") for name in archive.namelist())
+            return bool(names := archive.namelist()) and all(name.endswith(".npy") for name in names)
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
         return False
 
@@ -48,10 +48,17 @@ def read_npy(path: Path, given: Given = NOTHING) -> ImportedScan:
     try:
         counts = np.load(path, allow_pickle=False, mmap_mode="r")
     except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, RuntimeError) as error:
+        if _of_objects(error):
+            raise InvalidData(f"{path}: {of_objects()}") from error
         raise InvalidData(f"{path}: not a readable NPY file ({type(error).__name__}: {error})") from error
     if not isinstance(counts, np.ndarray) or counts.dtype.kind not in "uifb" or counts.size == 0:
         raise InvalidData(f"{path}: holds no array of numbers. {how_to_convert()}")
     return scan_of(StoredArrays(str(path), "NumPy array", path.name, np.asarray(counts), {}), given)
+
+
+def _of_objects(error: Exception) -> bool:
+    """Whether NumPy refused an array since it would have to be unpickled."""
+    return isinstance(error, ValueError) and any(word in str(error) for word in ("pickle", "objects in dtype"))
 
 
 def _arrays(path: Path) -> tuple[dict[str, npt.NDArray[np.generic]], tuple[str, ...]]:
@@ -70,4 +77,6 @@ def _arrays(path: Path) -> tuple[dict[str, npt.NDArray[np.generic]], tuple[str, 
             RuntimeError, SyntaxError, MemoryError, TypeError, OverflowError) as error:  # fmt: skip
         if isinstance(error, InvalidData):
             raise
+        if _of_objects(error):
+            raise InvalidData(f"{path}: {of_objects()}") from error
         raise InvalidData(f"{path}: not a readable NPZ file ({type(error).__name__}: {error})") from error

@@ -12,6 +12,14 @@ def how_to_convert() -> str:
     )
 
 
+def of_objects() -> str:
+    """What to say of NumPy's files that hold Python objects, of which a dict is one."""
+    return (
+        "holds Python objects (a dict, a list of arrays), which are not loaded: they may run programs. Where you made "
+        f"it: np.load(FILE, allow_pickle=True), of a dict with .item(). {how_to_convert()}"
+    )
+
+
 def of_octave() -> str:
     """What to say of a file in one of GNU Octave's own formats, the default of its `save` among them."""
     return (

@@ -124,9 +124,16 @@ def read_array(dataset: h5py.Dataset, dimensions: int) -> npt.NDArray[np.generic
             raise
         raise InvalidData(
             f"{place}: is packed by {absent}, a filter that HDF5 here does not have. Where it has, such as where the "
-            f"file was made: `h5repack -f GZIP=4 {dataset.file.filename} NEW.h5`, or save it again with gzip."
+            f"file was made: `{_repack(dataset.file)}`, or save it again with gzip."
         ) from error
     return array
+
+
+def _repack(file: h5py.File) -> str:
+    """The command that packs a file by gzip: PyTables has filters of its own, which h5repack does not know."""
+    if "PYTABLES_FORMAT_VERSION" in file.attrs:
+        return f"ptrepack --complib=zlib {file.filename}:/ NEW.h5:/"
+    return f"h5repack -f GZIP=4 {file.filename} NEW.h5"
 
 
 def _absent_filters(dataset: h5py.Dataset) -> str:

@@ -126,6 +126,21 @@ def test_a_struct_of_version_73_is_named_with_what_is_in_it(tmp_path: Path) -> N
         read_matlab(tmp_path / "struct.mat")
 
 
+def test_what_holds_no_numbers_in_version_5_is_named_as_what_it_is(tmp_path: Path) -> None:
+    savemat(tmp_path / "lab.mat", {"scan": {"hist": COUNTS}, "each": np.array([COUNTS, "b"], dtype=object), "dt": 32})
+    with pytest.raises(InvalidData, match=r"the file holds dt, scan \(a struct\), each \(a cell\)\. "):
+        read_matlab(tmp_path / "lab.mat")
+
+
+def test_a_word_for_yes_is_refused_until_the_user_says_it(tmp_path: Path) -> None:
+    savemat(
+        tmp_path / "scan.mat", {"histograms": COUNTS, "bin_width_s": 32e-12, "wall_size_m": 2.0, "rectified": "yes"}
+    )
+    with pytest.raises(InvalidData, match=r"rectified is 'yes'; true or false, .*--rectified or --raw"):
+        read_matlab(tmp_path / "scan.mat")
+    assert read_matlab(tmp_path / "scan.mat", Given(rectified=True)).rectified
+
+
 @pytest.mark.parametrize(
     ("held", "why"),
     [

@@ -2,6 +2,8 @@
 
 import gzip
 import struct
+import tarfile
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +145,38 @@ def test_files_are_told_by_what_they_hold(tmp_path: Path) -> None:
     (tmp_path / "scan.h5.gz").write_bytes(gzip.compress((tmp_path / "scan.h5").read_bytes()))
     with pytest.raises(InvalidData, match="is packed by gzip"):
         read_any(tmp_path / "scan.h5.gz")
+
+
+def test_archives_are_told_from_arrays_and_from_workbooks(tmp_path: Path) -> None:
+    np.save(tmp_path / "scan.npy", drawn())
+    with tarfile.open(tmp_path / "lab.tar", "w") as tar:
+        tar.add(tmp_path / "scan.npy", "scan.npy")
+    for name in ("lab.zip", "lab.xlsx"):
+        with zipfile.ZipFile(tmp_path / name, "w") as packed:
+            packed.write(tmp_path / "scan.npy", "scan.npy")
+            packed.writestr("scan.log", "bins of 64 ps")
+    with pytest.raises(InvalidData, match=r"is packed by tar\. Unpack it"):
+        read_any(tmp_path / "lab.tar")
+    with pytest.raises(InvalidData, match=r"is packed by ZIP\. Unpack it"):
+        read_any(tmp_path / "lab.zip")
+    with pytest.raises(InvalidData, match=r"in no format that is read here .*'\.xlsx'.*In Python"):
+        read_any(tmp_path / "lab.xlsx")
+
+
+@pytest.mark.parametrize("name", ["zarr.json", ".zgroup", ".zarray"])
+def test_a_zarr_store_is_no_folder_of_files(tmp_path: Path, name: str) -> None:
+    (tmp_path / "scan.zarr").mkdir()
+    (tmp_path / "scan.zarr" / name).write_text("{}")
+    with pytest.raises(IsADirectoryError, match=r"is a Zarr store, which is not read here\. In Python"):
+        read_any(tmp_path / "scan.zarr")
+
+
+def test_numpys_files_of_python_objects_are_told_as_such(tmp_path: Path) -> None:
+    np.save(tmp_path / "dict.npy", {"data": drawn()}, allow_pickle=True)  # type: ignore[arg-type]
+    np.savez(tmp_path / "list.npz", histograms=np.array([[1], [1, 2]], dtype=object), bin_width_s=BIN_S)
+    for name in ("dict.npy", "list.npz"):
+        with pytest.raises(InvalidData, match=r"holds Python objects .* of a dict with \.item\(\)\. In Python"):
+            read_any(tmp_path / name)
 
 
 @pytest.mark.parametrize(

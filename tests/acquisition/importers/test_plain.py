@@ -106,6 +106,10 @@ def test_a_filter_that_is_absent_here_is_named(tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(InvalidData, match=r"histograms: is packed by deflate, a filter .*h5repack -f GZIP=4 .*packed"):
         read_plain(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["PYTABLES_FORMAT_VERSION"] = "2.1"  # whose Blosc no other program has
+    with pytest.raises(InvalidData, match=r"`ptrepack --complib=zlib .*packed\.h5:/ NEW\.h5:/`"):
+        read_plain(path)
 
 
 def test_links_out_of_the_file_are_not_followed(tmp_path: Path) -> None:
