@@ -59,7 +59,8 @@ class ScanArrays:
 
 
 def arrays_of_recording(recording: Recording) -> ScanArrays:
-    """All intact samples, visits of one position added up, and what the file said that they were imported from."""
+    """All intact samples, visits of one position added up, free positions in the order of the plan, and what the file
+    said that they were imported from."""
     plan = recording.plan
     time = TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s)
     if recording.on_grid:
@@ -68,11 +69,13 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
         held = ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
         return _as_its_source(held, recording)
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
-    unique, place_of = np.unique(places, axis=0, return_inverse=True)
+    unique, first, place_of = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    by_plan = np.argsort(first)
+    unique, place_of = unique[by_plan], np.argsort(by_plan)[place_of.ravel()]
     counts = np.zeros((len(unique), plan.axis.bins), dtype=np.uint32)
     exposure_s = np.zeros(len(unique))
     for sample in recording.samples():
-        place = place_of.ravel()[sample.point.number]
+        place = place_of[sample.point.number]
         counts = added(counts, place, sample.histogram.counts)
         exposure_s[place] += sample.histogram.live_time_s
     return _as_its_source(ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time), recording)
