@@ -19,35 +19,37 @@ _VOLUME_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_Z_3": 2, "X_Y_3": 3}
 
 
 def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes a scan on a grid, indexed [x, y] with x and y rising. Returns what the format cannot hold.
+    """Writes a scan on a grid, indexed [x, y] with x and y rising, or the list of its free positions. Returns what the
+    format cannot hold.
 
     Times of a raw scan keep the ways between scanner and wall (`t_accounts_first_and_last_bounces`), which y-tal takes
     off by the scanner's place; `t_start` is the length of a path that would end with the first bin's beginning.
 
-    Raises `InvalidData` for free positions, which y-tal's confocal format does not hold, and for points on one line,
-    which say of no wall how high it is, or how wide.
+    Raises `InvalidData` for a grid of points on one line, which say of no wall how high it is, or how wide.
     """
-    if not scan.on_grid:
-        raise InvalidData(f"{path}: y-tal's confocal captures need a grid; export free positions to npz")
-    if min(scan.wall.rows, scan.wall.cols) < 2:
+    if scan.on_grid and min(scan.wall.rows, scan.wall.cols) < 2:
         raise InvalidData(f"{path}: y-tal's captures need 2 x 2 points at least; export a line of points to npz")
-    x, y = np.meshgrid(scan.x_m, scan.y_m[::-1], indexing="ij")
-    grid = np.stack([x, y, np.zeros_like(x)], axis=2)
+    if scan.on_grid:
+        x, y = np.meshgrid(scan.x_m, scan.y_m[::-1], indexing="ij")
+        counts, kind, points = scan.histograms[::-1].transpose(2, 1, 0), "T_Sx_Sy", "X_Y_3"
+    else:
+        x, y, counts, kind, points = scan.x_m, scan.y_m, scan.histograms.T, "T_Si", "N_3"
+    grid = np.stack([x, y, np.zeros_like(x)], axis=-1)
     normals = np.zeros_like(grid)
     normals[..., 2] = 1.0
     with written_hdf5(path) as file:
         file.create_dataset(
             "H",
-            data=as_floats(scan.histograms[::-1].transpose(2, 1, 0)),
+            data=as_floats(counts),
             compression="gzip",
             compression_opts=1,
         )
-        _enum(file, "H_format", "T_Sx_Sy", _H_FORMATS)
+        _enum(file, "H_format", kind, _H_FORMATS)
         for who in ("sensor", "laser"):
             file[f"{who}_xyz"] = np.array(_NOWHERE_M if scan.scanner is None else scan.scanner.position_m)
             file[f"{who}_grid_xyz"] = grid
             file[f"{who}_grid_normals"] = normals
-            _enum(file, f"{who}_grid_format", "X_Y_3", _GRID_FORMATS)
+            _enum(file, f"{who}_grid_format", points, _GRID_FORMATS)
         _enum(file, "volume_format", "UNKNOWN", _VOLUME_FORMATS)
         file["delta_t"] = scan.time.bin_width_s * SPEED_OF_LIGHT_M_PER_S
         delay_s = 0.0 if scan.scanner is None else scan.scanner.delay_s
@@ -71,7 +73,9 @@ def _said(scan: ScanArrays) -> dict[str, object]:
     """What y-tal's own fields do not say, in the place that it leaves for anything; `exposure_us` indexed [x, y]. In
     microseconds no dwell is written as 1e-05, which YAML takes for text."""
     said: dict[str, object] = {"original_format": "nlos", "rectified": scan.rectified, "wall_known": scan.wall_known}
-    said["exposure_us"] = (1e6 * scan.exposure_s[::-1].T).round(6).tolist()
+    said["exposure_us"] = (1e6 * (scan.exposure_s[::-1].T if scan.on_grid else scan.exposure_s)).round(6).tolist()
+    if not scan.on_grid:  # whose points do not say how large the wall is
+        said["wall_size_m"] = [float(scan.wall.width_m), float(scan.wall.height_m)]
     if scan.falloff is not None:
         said["falloff_exponent_authors"] = scan.falloff
     if scan.direct_cut_bins:

@@ -19,32 +19,41 @@ from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.moveout import at_midpoints, of_every_pair
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_dataset, needed_number, open_hdf5, read_array
 from nlos.acquisition.importers.wall_plane import on_wall
+from nlos.acquisition.importers.ytal_lists import ListedPoints, at_free_positions
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient, as_floats
 from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.float64]
-_T_SX_SY, _T_LX_LY_SX_SY = 1, 2
-_LISTS = {3: "T_Si", 4: "T_Li_Si"}
+_T_SX_SY, _T_LX_LY_SX_SY, _T_SI = 1, 2, 3
+_KINDS = {4: "T_Li_Si"}
 
 
 def read_ytal(path: Path) -> ImportedScan:
-    """Reads an HDF5_TAL capture on regular grids. Raises `InvalidData` naming file, place and reason."""
+    """Reads an HDF5_TAL capture on regular grids, or of a list of points. Raises `InvalidData` naming file, place and
+    reason."""
     with open_hdf5(path) as file:
         kind = int(needed_number(file, "H_format"))
-        if kind not in (_T_SX_SY, _T_LX_LY_SX_SY):
+        if kind not in (_T_SX_SY, _T_LX_LY_SX_SY, _T_SI):
             raise InvalidData(
-                f"{path}: H_format is {kind} ({_LISTS.get(kind, 'unknown')}); grids are read: T_Sx_Sy (1), confocal or "
-                "of one laser point, and T_Lx_Ly_Sx_Sy (2). Write its points as a grid (X_Y_3), or NPZ with x_m, y_m."
+                f"{path}: H_format is {kind} ({_KINDS.get(kind, 'unknown')}); T_Sx_Sy (1) and T_Si (3) are read, "
+                "confocal or of one laser point, and T_Lx_Ly_Sx_Sy (2). Write its points as a grid (X_Y_3), or the "
+                "pairs that were measured as a list."
             )
-        counts = read_array(needed_dataset(file, "H"), 3 if kind == _T_SX_SY else 5)
-        sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), 3).astype(np.float64)
-        lasers = read_array(needed_dataset(file, "laser_grid_xyz"), 3).astype(np.float64)
+        counts = read_array(needed_dataset(file, "H"), {_T_SX_SY: 3, _T_LX_LY_SX_SY: 5, _T_SI: 2}[kind])
+        axes = 2 if kind == _T_SI else 3
+        sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), axes).astype(np.float64)
+        lasers = read_array(needed_dataset(file, "laser_grid_xyz"), axes).astype(np.float64)
         delta_m, start_m = needed_number(file, "delta_t"), needed_number(file, "t_start")
         legs = bool(needed_number(file, "t_accounts_first_and_last_bounces"))
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
         hints = _sides(file, sensors, ("sensor_xyz", "laser_xyz"), "sensor_grid_normals")
         ours = _said_by_ourselves(file)
     _check_time(path, delta_m, start_m)
+    if kind == _T_SI:
+        listed = ListedPoints(
+            counts, lasers, sensors, (origins[0], origins[1]) if legs else None, delta_m, start_m, hints
+        )
+        return _as_exported(at_free_positions(path, listed, ours), ours)
     if kind == _T_SX_SY and sensors.shape == lasers.shape and np.allclose(sensors, lasers, atol=1e-4):
         exposure_s = _exposure_s(ours, sensors)
         capture = _Capture(

@@ -20,3 +20,13 @@ def test_the_place_of_the_scanner_is_told_with_how_well_it_is_known(tmp_path: Pa
         off_m = np.abs(np.asarray(file["sensor_xyz"]) - (0.0, 0.0, 2.0))
     assert (off_m < known_m).all()
     assert known_m[2] < 0.2
+    nlos(tmp_path, "export", "run.h5", "--to", "npz", "-o", "run.npz", check=True)
+    held = dict(np.load(tmp_path / "run.npz"))
+    row, col = np.nonzero(held["exposure_s"])
+    places = {"x_m": held["x_m"][col], "y_m": held["y_m"][row], "exposure_s": held["exposure_s"][row, col]}
+    np.savez(tmp_path / "free.npz", **(held | places | {"histograms": held["histograms"][row, col]}))
+    nlos(tmp_path, "export", "free.npz", "--to", "ytal", "-o", "free.hdf5", check=True)
+    with h5py.File(tmp_path / "free.hdf5") as file:
+        assert file["H"].shape[1] == len(row)
+        assert np.array_equal(np.asarray(file["sensor_grid_xyz"])[:, 0], places["x_m"])
+        assert (np.abs(np.asarray(file["sensor_xyz"]) - (0.0, 0.0, 2.0)) < known_m).all()

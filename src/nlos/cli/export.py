@@ -116,7 +116,7 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
             ) from error
     if not (arrays.exposure_s > 0).any():
         raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
-    if word == "ytal" and arrays.on_grid and not arrays.rectified:
+    if word == "ytal" and not arrays.rectified:
         arrays = _with_scanner(run, arrays)
     write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
     try:
@@ -157,6 +157,8 @@ def _with_scanner(run: Path, arrays: ScanArrays) -> ScanArrays:
     bins = max(arrays.time.bin_width_s / max(arrivals.wall.rms_s, 1e-15), 1.0)
     x_error_m, y_error_m, z_error_m = map(float, bins * np.sqrt(np.diag(arrivals.wall.covariance)[:3]))
     scanner = Scanner((x_m, y_m, z_m), (x_error_m, y_error_m, z_error_m), arrivals.wall.delay_s)
+    if not arrays.on_grid:
+        return replace(arrays, scanner=scanner)
     return replace(arrays, wall=wall, x_m=wall.x_m(), y_m=wall.y_m(), scanner=scanner)
 
 

@@ -90,7 +90,31 @@ def test_facts_that_a_format_has_no_place_for_are_named(suffix: str, tmp_path: P
     assert ("time_offset_bins" in more) == (suffix in (".hdf5", ".ptu"))
 
 
-@pytest.mark.parametrize("suffix", [".hdf5", ".ptu"])
+@pytest.mark.parametrize("rectified", [True, False])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".hdf5"])
+def test_free_positions_come_back_in_their_order(suffix: str, rectified: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    counts, (x_m, y_m) = rng.poisson(2.0, (9, 100)).astype(np.uint32), rng.uniform(-0.4, 0.4, (2, 9))
+    exposure_s = rng.integers(1, 9, 9) * 1e-3
+    free_scan = ScanArrays(counts, exposure_s, x_m, y_m, WALL, TimeAxis(100, 32e-12, 2e-9), rectified=rectified)
+    for again in ("first", "second"):
+        path = tmp_path / f"{again}{suffix}"
+        WRITERS[suffix](free_scan, path)
+        back = read_any(path)
+        assert back.points is not None
+        assert back.rectified == rectified
+        assert back.points.time.start_s == pytest.approx(2e-9)
+        assert (back.points.wall.width_m, back.points.wall.height_m) == (1.2, 0.9)
+        write_recording(back, path, tmp_path / f"{again}.h5")
+        with Recording.open(tmp_path / f"{again}.h5") as recording:
+            free_scan = arrays_of_recording(recording)
+        assert np.array_equal(free_scan.histograms, counts)
+        assert np.array_equal(free_scan.x_m, x_m)
+        assert np.array_equal(free_scan.y_m, y_m)
+        assert free_scan.exposure_s == pytest.approx(exposure_s)
+
+
+@pytest.mark.parametrize("suffix", [".ptu"])
 def test_free_positions_are_refused_where_the_format_has_no_place(suffix: str, tmp_path: Path) -> None:
     free = ScanArrays(
         np.ones((5, 100), np.uint32), np.ones(5), np.arange(5.0), np.arange(5.0), WALL, TimeAxis(100, 32e-12)

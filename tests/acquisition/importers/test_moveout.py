@@ -136,7 +136,7 @@ def test_counts_of_one_point_are_the_same_counts(late: int) -> None:
     [
         (np.full((1, 1, 3), 0.3), {}, "not in one plane"),
         (np.zeros((2, 2, 3)), {}, "one laser point, or one for each sensor point"),
-        (np.zeros((1, 1, 3)), {"H_format": np.array([3], np.int32)}, r"T_Si.*Write its points as a grid"),
+        (np.zeros((1, 1, 3)), {"H_format": np.array([4], np.int32)}, r"T_Li_Si.*Write its points as a grid"),
         (np.full((1, 1, 3), np.nan), {}, "not finite"),
     ],
 )

@@ -66,7 +66,7 @@ def test_paths_to_the_scanner_become_offsets(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"H_format": np.array([3], np.int32)}, "H_format is 3"),
+        ({"H_format": np.array([4], np.int32)}, "H_format is 4"),
         ({"laser_grid_xyz": points() + 0.5}, "confocal"),
         ({"delta_t": 0.0}, "delta_t"),
         ({"H": np.zeros((T, X, Y + 1))}, "grid of shape"),
