@@ -5,8 +5,8 @@ surface that it finds is rendered, with the response where one is known; its gai
 response is wider are fitted to that part, and the other part judges: 1 - |light - rendered|^2 / |light - background|^2,
 each over its variance, with what photon noise adds to either taken off. 1 is all there is to explain, 0 no better than
 an empty scene. A pixel so near that it lights but the point in front of it explains that point, whatever the wall: such
-pixels do not count where they outshine the rest. If nothing is left, the picture is judged again on the whole grid, and
-explains nothing if that is no better.
+pixels do not count where they outshine the rest. If nothing is left, or half the grid is so coarse that its picture
+explains little, the picture is judged again on the whole grid.
 """
 
 import time as clock
@@ -23,7 +23,7 @@ from nlos.recon.count_noise import count_noise
 from nlos.recon.errors import NO_PICTURE, InvalidData, ReconstructionFailed
 from nlos.recon.explained_hot import hot_points
 from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, split
-from nlos.recon.explained_share import Explained
+from nlos.recon.explained_share import LITTLE, Explained
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.gate import open_bins
 from nlos.recon.other_geometry import Judged, better_wall
@@ -82,7 +82,8 @@ def explained_light(
             raise InvalidData("one point of the wall alone explains itself")
         thinned = coarser(transient)
         parts, told, near = judged(thinned)
-        if (near or told.note in (UNSEEN, APART)) and thinned is not transient:
+        poor = told.note in (UNSEEN, APART) or (not told.note and (told.share or 0.0) < LITTLE)
+        if (near or poor) and thinned is not transient:
             again = judged(transient)
             parts, told = (parts, told) if again[1].note else again[:2]
     except NO_PICTURE as error:

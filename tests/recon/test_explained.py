@@ -328,7 +328,7 @@ def test_a_right_picture_hardly_comes_from_the_pixels_in_front_of_the_points() -
 
 
 def test_what_is_only_seen_on_the_whole_grid_is_judged_there() -> None:
-    """Half the grid of a near object's scan can be too coarse for any picture."""
+    """Half the grid of a near object's scan can be too coarse for any picture, or for a good one."""
     data = DatasetSettings(
         seed=41, degradations=1, detector=DetectorSettings(**PLAIN), **{**GRID, "rows": 24, "cols": 24}
     )  # type: ignore[arg-type]
@@ -353,6 +353,14 @@ def test_what_is_only_seen_on_the_whole_grid_is_judged_there() -> None:
     told = explained_light(scan, sees_nothing, (4.0,))
     assert told.nothing
     assert "nothing is seen" in told.note
+
+    def wrong(part: Transient) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        return np.ones(part.exposure_s.shape, np.float32), np.full(part.exposure_s.shape, 0.9, np.float32)
+
+    told = explained_light(scan, lambda part: wrong(part) if part.wall.rows == 12 else (albedo, depth), (4.0,))
+    assert told.share is not None
+    assert told.share > 0.8
+    assert explained_light(scan, wrong, (4.0,)).nothing
 
 
 def test_a_right_picture_of_what_is_near_is_judged_on_the_whole_grid() -> None:
