@@ -139,7 +139,8 @@ def correct_points(
     lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
     counts = subtract_dark(undone, raw, constants)
     begin, dark_end = arrival + lead_s / raw.time.bin_width_s, arrival - max(2.0, lead_s / raw.time.bin_width_s)
-    dark_end = np.where(np.isfinite(arrival), dark_end, 0)
+    lit = np.isfinite(arrival) & (raw.exposure_s > 0)
+    begin, dark_end = np.where(lit, begin, np.nan), np.where(lit, dark_end, 0)
     ambient = None if known is None else known.ambient
     if offsets is not None:
         ambient = dark_stretch(undone, raw.counts, dark_end, begin)

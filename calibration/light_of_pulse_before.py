@@ -34,7 +34,7 @@ def dark_stretch(
     is darker than before `end_bins` (N,), which is warned of; else None. Behind the laser's period, or a gate, nothing
     is told (`_open`), nor what is in the `recorded` counts (N, T) hardly, or twice as much: undoing a dead time that is
     not that well known makes it."""
-    points, bins = counts.shape
+    bins = counts.shape[1]
     edges = np.linspace(0, bins, max(min(_STRETCHES, bins // _PARTS), 1) * _PARTS + 1).astype(int)
     background = before_pulse(counts, end_bins)
     behind = np.isfinite(begin_bins) & np.isfinite(background.error)
@@ -42,7 +42,7 @@ def dark_stretch(
     held = sums_from(counts, edges[:-1]).T  # (parts, N), as `whole`
     due = (whole * np.diff(edges)[:, None] * background.per_bin).sum(axis=1)  # (parts,)
     there = np.where(whole, held, 0.0).sum(axis=1)
-    tells = (whole[::_PARTS].sum(axis=1) > points / 4) & _open(there, due)
+    tells = (whole[::_PARTS].sum(axis=1) > np.isfinite(begin_bins).sum() / 4) & _open(there, due)
     expected, seen = (each.reshape(-1, _PARTS).sum(axis=1) for each in (due, there))  # (stretches,)
     if not tells.any():
         return None

@@ -80,8 +80,10 @@ def match(
     length = before + after + 2 * radius
     shares = template.in_bins(-(before + radius + shifts) * width, length, width)  # (S, length)
     whole = np.floor(centre).astype(np.int64)
-    signal = float(np.median(_held(recorded, whole - before - radius, length) - length * background))
-    floor = max(float(np.median(background)) / max(signal, 1e-9), 1e-3 * float(shares.max()))
+    above = _held(recorded, whole - before - radius, length) - length * background
+    lit = above > 0  # not those that nobody measured, which may be most of a grid
+    signal, below = (float(np.median(each[lit])) if lit.any() else 0.0 for each in (above, background))
+    floor = max(below / max(signal, 1e-9), 1e-3 * float(shares.max()))
     weights = np.log1p(shares / floor).T  # (length, S)
     arrival, error, inside = np.zeros(len(whole)), np.zeros(len(whole)), np.zeros(len(whole), bool)
     for rows in some_at_a_time(len(whole), ROWS_AT_ONCE):

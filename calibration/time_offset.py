@@ -71,7 +71,10 @@ def _record(
     box = max(3, round(BOX_S / time.bin_width_s))
     if recorded.shape[1] <= 2 * box:
         raise InvalidData(f"histograms of {recorded.shape[1]} bins are too short to find a pulse of {box} bins in.")
-    return Record(recorded, *places, time, lit, quiet_background(recorded), box)
+    background = np.ones(len(recorded))  # of points that were not measured nobody asks for theirs
+    if lit.any():
+        background[lit] = quiet_background(chosen(recorded, lit))
+    return Record(recorded, *places, time, lit, background, box)
 
 
 def _of_record(record: Record, response: ImpulseResponse | None) -> TimeOffsets:

@@ -96,6 +96,24 @@ def test_unmeasured_points_stay_unmeasured(raw_scan: RawScan) -> None:
     assert not done.counts[10].any()
 
 
+@pytest.mark.parametrize("every", [3, 10])
+def test_points_that_nobody_measured_change_nothing_at_the_others(every: int) -> None:
+    """Most of a grid may be empty: its zeros are no dark points, and no pulse is as faint as theirs."""
+    scan = make_raw_scan(background=0.6, direct_counts=3000)
+    points = raw(scan)
+    lit = np.arange(len(scan.x_m)) % every == 0
+    exposed = np.where(lit, points.exposure_s, 0.0)
+    sparse = correct_points(replace(points, counts=scan.counts * lit[:, None], exposure_s=exposed))
+    alone = correct_points(points.select(lit))
+    assert sparse.offsets is not None
+    assert alone.offsets is not None
+    np.testing.assert_allclose(sparse.offsets.error_bins[lit], alone.offsets.error_bins, rtol=0.01)
+    np.testing.assert_allclose(sparse.offsets.offset_bins[lit], alone.offsets.offset_bins, atol=1e-3)
+    np.testing.assert_allclose(sparse.background.per_bin[lit], alone.background.per_bin, rtol=1e-4)
+    bins = min(sparse.time.bins, alone.time.bins)
+    np.testing.assert_allclose(sparse.counts[lit, :bins].sum(), alone.counts[:, :bins].sum(), rtol=2e-3)
+
+
 def test_a_point_whose_arrival_nobody_knows_was_not_exposed(raw_scan: RawScan) -> None:
     arrival = np.asarray(raw_scan.arrival_bins, dtype=np.float64).copy()
     arrival[10] = np.nan
