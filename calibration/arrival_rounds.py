@@ -31,6 +31,8 @@ DETECTION = 12.0
 FEWEST_SHARE = 0.1
 """Of the points: where fewer show a pulse, chance made it."""
 SMALLEST_RADIUS_BINS = 4
+SMALLEST_RADIUS = 0.125
+"""Of the response's width, whose maximum moves as it is measured anew."""
 PLANE_S = 25e-12
 """Direct light scatters by no more about a plane wall, or than half a bin, or twice its own error: 1 to 10 ps in every
 scan of which the truth is known. Light of hidden objects taken for it scattered by 50 to 550 ps."""
@@ -147,7 +149,8 @@ def refined(
         if number > 1 and len(shift) and np.quantile(shift, 0.9) < 0.03:
             break
         scatter = wall.rms_s / width if wall else 0.0
-        radius = int(np.clip(np.ceil(6 * scatter), SMALLEST_RADIUS_BINS, 3 * box))
+        least = max(SMALLEST_RADIUS_BINS, int(SMALLEST_RADIUS * template.fwhm_s() / width))
+        radius = int(np.clip(np.ceil(6 * scatter), least, max(3 * box, least)))
     assert template is not None
     wall = record.wall(arrival, error, wall)
     predicted = _predicted(wall, x, y, time)

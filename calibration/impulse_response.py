@@ -61,16 +61,27 @@ class ImpulseResponse:
 def from_histogram(counts: npt.ArrayLike, bin_width_s: float, peak_s: float | None = None) -> ImpulseResponse:
     """A response from a histogram of a single sharp reflection, background already subtracted (negatives become 0).
 
-    Time 0 is `peak_s` after the first edge; by default the maximum of the parabola through the highest bin and its
-    neighbours.
+    Time 0 is `peak_s` after the first edge; by default its maximum (`_maximum`).
     """
     values = np.clip(np.asarray(counts, dtype=np.float64), 0, None)
     if values.ndim != 1 or not np.isfinite(values).all() or not values.sum() > 0:
         raise ValueError("an impulse response needs one row of finite counts, some above 0")
     if peak_s is None:
-        top = int(np.argmax(values))
-        peak_s = (top + 0.5 + vertex(*(values[np.clip([top - 1, top, top + 1], 0, len(values) - 1)]))) * bin_width_s
+        peak_s = _maximum(values) * bin_width_s
     return ImpulseResponse(values / (values.sum() * bin_width_s), bin_width_s, -peak_s)
+
+
+def _maximum(values: Floats) -> float:
+    """Where a row of counts has its maximum, in bins from the first edge: that of the parabola through the highest bin
+    and two beside it, of means over a sixth of the pulse. Where that is many bins, the highest one is chance."""
+    above, running = np.flatnonzero(values >= values.max() / 2), np.append(0.0, np.cumsum(values))
+    last = np.searchsorted(running, running[:-1] + running[-1] / 2)
+    half = int((last - np.arange(len(values)))[last < len(running)].min())  # the shortest stretch with half of all
+    step = int(min((above[-1] - above[0] + 1) / 6, half / 3)) // 2 * 2 + 1
+    mean = np.convolve(values, np.ones(step) / step, "same") if step > 1 else values
+    top = int(np.argmax(mean))
+    beside = mean[np.clip([top - step, top, top + step], 0, len(mean) - 1)]
+    return top + 0.5 + step * vertex(*beside)
 
 
 def vertex(before: float, top: float, after: float) -> float:
