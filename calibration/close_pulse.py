@@ -14,8 +14,11 @@ Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
 _WIDTHS = 6
 """Full widths at half maximum behind the direct pulse: what comes later is for `second_pulse` ..."""
-_LATEST_S = 0.6e-9
-"""... and from here on a surface 9 cm off may be as even."""
+_LATEST_S = 1.2e-9
+"""... as is what may be an object."""
+_SURFACE_S, _BRIGHT = 0.6e-9, 0.03
+"""From here on a surface 9 cm off may be as even; but so bright, as a share of the direct pulse, it is of no spot on
+the wall that is less than 4 cm wide."""
 _AS_SHARP = 2.5
 """Full widths of the direct pulse, within which it falls to its half at the latest."""
 _FAINTEST = 0.002
@@ -61,7 +64,8 @@ def close_pulse(counts: Counts, smooth: Floats, between: tuple[int, int], bin_wi
     chance = np.maximum(held, 1.0)
     spread = np.mean((bright - share * direct) ** 2 - chance)
     doubt = 2 * np.sqrt(2 / len(held)) * chance.mean()
-    sure = share > _FAINTEST and bright.sum() > _SURE * np.sqrt(chance.sum())
+    faintest = _FAINTEST if (top - peak) * bin_width_s < _SURFACE_S else _BRIGHT
+    sure = share > faintest and bright.sum() > _SURE * np.sqrt(chance.sum())
     if not sure or not spread + doubt < (_EVEN * bright.mean()) ** 2:
         return None
     mean = counts[:, : low + 1].mean(axis=0, dtype=np.float64)

@@ -15,7 +15,7 @@ from nlos.calibration.alignment import align, align_variance, light_beyond, reco
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.background import Background, before_pulse, in_stretch, subtract
 from nlos.calibration.by_blocks import chosen, some_at_a_time
-from nlos.calibration.close_pulse import doubt_close_pulse
+from nlos.calibration.close_pulse import ClosePulse, doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
@@ -151,8 +151,8 @@ def correct_points(
     if offsets is not None and remove_direct:
         doubt_second_pulse(second := _second_pulse(done, raw, timed, offsets))
     if second is not None and second.even:
-        done = _without(raw, timed, second)
-    if offsets is not None:
+        done = _without(raw, timed, second, done.direct.close)
+    elif offsets is not None:
         doubt_close_pulse(done.direct.close)
     if known is not None:
         return _as_whole(done, known, known.close_end_bin if remove_direct else 0)
@@ -258,29 +258,33 @@ def _finish(
 
 def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets: TimeOffsets) -> SecondPulse | None:
     """That of `done`; one that is masked there where it can be taken out: so can what it shows once more."""
-    close = None
     if done.direct.close is not None:
         bare = _finish(raw, timed, mask_close=False)
         close = second_pulse(bare.counts, bare.variance, offsets, raw.x_m, raw.y_m)
-    if close is not None and close.even:
-        return close
+        if close is not None and close.even:
+            return close
     return second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m)
 
 
-def _without(raw: RawPoints, timed: _Timed, second: SecondPulse) -> CorrectedPoints:
-    """`_finish` without a second pulse."""
+def _without(raw: RawPoints, timed: _Timed, second: SecondPulse, close: ClosePulse | None) -> CorrectedPoints:
+    """`_finish` without a second pulse; where that was `close`, what is left of it is masked with the direct light."""
     light = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
-    return replace(_finish(raw, replace(timed, counts=light[0], variance=light[1])), second=second)
+    done = _finish(raw, replace(timed, counts=light[0], variance=light[1]))
+    direct = replace(done.direct, close=close)
+    return _masked(replace(done, second=second, direct=direct), direct.close_end_bin())
 
 
 def _as_whole(done: CorrectedPoints, known: KnownDirect, end_bin: int) -> CorrectedPoints:
     """The same as bright as its whole scan, and not usable before `end_bin`."""
     if known.light is not None:
         done = replace(done, exposure_s=done.exposure_s * known.light, light=known.light)
+    return _masked(done, end_bin)
+
+
+def _masked(done: CorrectedPoints, end_bin: int) -> CorrectedPoints:
     if end_bin <= done.direct.end_bin:
         return done
-    kept = np.arange(done.time.bins) >= end_bin
-    direct = replace(done.direct, end_bin=end_bin)
+    kept, direct = np.arange(done.time.bins) >= end_bin, replace(done.direct, end_bin=end_bin)
     return replace(done, counts=done.counts * kept, usable=done.usable & kept, direct=direct)
 
 
@@ -288,9 +292,8 @@ def _evened(done: CorrectedPoints, offsets: TimeOffsets, raw: RawPoints) -> Corr
     """The same of a wall that is as bright everywhere."""
     direct = np.where(offsets.found, offsets.direct_counts, 0.0)
     hidden = HiddenLight(done.counts, done.variance, done.usable, done.exposure_s, direct, raw.x_m, raw.y_m)
-    if offsets.wall is None or not offsets.on_a_plane:
-        return done
-    found = wall_brightness(hidden, offsets.wall.scanner_position_m)
+    wall = offsets.wall if offsets.on_a_plane else None
+    found = None if wall is None else wall_brightness(hidden, wall.scanner_position_m)
     if found is None:
         return done
     doubt_wall_brightness(found)
