@@ -10,17 +10,39 @@ _ENDPOINT = re.compile(
 
 
 def listening_address(host: str) -> str:
-    """The numeric address that `host` stands for, however it is written (`0` and `0x0` are 0.0.0.0).
+    """The numeric address that `host` stands for, however it is written (`0` and `0x0` are 0.0.0.0); of a name with
+    addresses of both kinds the IPv4 one, as every network has it.
 
-    Raises `ValueError` for one that means every interface, and for what is no address.
+    Raises `ValueError` for one that means every interface, for what is no address, and for what another machine cannot
+    call: a name that only means this machine, and an IPv6 address that needs the caller's own network card beside it.
     """
+    plain = re.sub(r"^\[(.*:.*)\]$", r"\1", host)
     try:
-        found = {str(info[4][0]) for info in socket.getaddrinfo(host.strip("[]") or "0", None, type=socket.SOCK_STREAM)}
+        known = socket.getaddrinfo(plain or "0", None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise ValueError(f"{host!r} is not an address of this machine ({error})") from error
-    if any(_means_all(one) for one in found):
+    found = {ipaddress.ip_address(str(info[4][0]).partition("%")[0]) for info in known}
+    if any(_means_all(str(one)) for one in found):
         raise ValueError(f"{host!r} is every interface; name the one address by which the other machine reaches this")
-    return sorted(found, key=lambda one: (":" in one, one))[0]
+    called = [one for one in found if not (one.version == 6 and one.is_link_local)]
+    if not called:
+        raise ValueError(
+            f"{host!r} holds for one cable alone, and is called otherwise from its other end; name an address "
+            "that the other machine can call as it is"
+        )
+    outside = [one for one in called if not one.is_loopback]
+    best = min(outside or called, key=lambda one: (one.version, int(one)))
+    if not outside and not _is_this_machine(plain):
+        raise ValueError(
+            f"{host!r} is {best} here, which no other machine reaches (/etc/hosts says so, as Debian "
+            "writes it); name the address in the network, which `hostname -I` shows"
+        )
+    return str(best)
+
+
+def _is_this_machine(host: str) -> bool:
+    """Whether it says by itself that nobody else is meant."""
+    return "localhost" in host.lower() or ":" in host or host[:1].isdigit()
 
 
 def endpoint(address: str, port: int) -> str:

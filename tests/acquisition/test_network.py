@@ -295,6 +295,28 @@ def test_every_spelling_of_every_interface_is_refused(host: str) -> None:
         listening_address(host)
 
 
+@pytest.mark.parametrize(
+    ("host", "means", "said"),
+    [
+        ("lab-pc", ["::1", "127.0.1.1"], r"'lab-pc' is 127\.0\.1\.1 here, which no other machine reaches"),
+        ("lab-pc", ["127.0.1.1", "::1", "fe80::7", "192.168.1.7", "fd00::7"], "192.168.1.7"),
+        ("lab-pc", ["fd00::7", "::1"], "fd00::7"),
+        ("localhost", ["::1", "127.0.0.1"], "127.0.0.1"),
+        ("fe80::7%eth0", ["fe80::7"], "holds for one cable alone"),
+    ],
+)
+def test_a_name_stands_for_what_another_machine_can_call(
+    host: str, means: list[str], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Debian's /etc/hosts calls the machine itself 127.0.1.1; systemd knows a name for all its addresses."""
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *asked, **how: [(0, 0, 0, "", (one, 0)) for one in means])
+    if said in means:
+        assert listening_address(host) == said
+    else:
+        with pytest.raises(ValueError, match=said):
+            listening_address(host)
+
+
 def test_one_address_is_bound_and_no_other(tmp_path: Path) -> None:
     run = write(tmp_path / "run.h5", 10)
     for host in ("127.0.0.1", "localhost", "0x7f000001", "127.1"):

@@ -252,7 +252,7 @@ def test_a_computer_is_called_in_capitals_and_by_its_ipv6_address_too(monkeypatc
                 pass
 
 
-@pytest.mark.parametrize("host", ["[", "[]", "[127.0.0.1]", "ä" * 64])
+@pytest.mark.parametrize("host", ["[", "[]", "[127.0.0.1]", "ä" * 64, "0.0.0.0", "::", ""])
 def test_what_is_no_address_is_none_of_all_that_this_computer_has(host: str) -> None:
     with pytest.raises(UsageError, match="--host"):
         listening_at(host, 0)

@@ -38,7 +38,7 @@ def serve(
     try:
         server = SampleServer(run, address, port)
     except AddressTaken as error:
-        raise UsageError(f"--host {host} --port {port}: {error}. Choose another --port.") from error
+        raise UsageError(f"--host {host} --port {port}: {error}. Choose another.") from error
     stop = threading.Event()
     ticket = run.with_suffix(".ticket")
     idle = _Idle(server, run, idle_s)

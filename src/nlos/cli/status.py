@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.interrupts import served_until_told
 from nlos.cli.terminal import terminal
@@ -53,13 +54,15 @@ def status(
 
 def listening_at(host: str, port: int) -> tuple[socket.socket, list[str]]:
     """A socket there, and what browsers that reach it call it, HOST:PORT in small letters as they send it. Raises
-    `UsageError` where this computer has no such address, or the port is taken."""
-    host = re.sub(r"^\[(.*:.*)\]$", r"\1", host).lower()
+    `UsageError` where this computer has no such address, or all of them are meant, or the port is taken."""
     try:
-        door = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-    except (OSError, TypeError) as error:  # TypeError: letters that no name may hold
-        why = error.strerror if isinstance(error, OSError) else "no computer has such a name"
-        raise UsageError(f"--host {host} --port {port}: {why}. Choose another.") from error
-    address = door.getsockname()
-    named = f"[{address[0]}]" if ":" in host else host
-    return door, [f"{name}:{address[1]}" for name in (named, socket.gethostname().lower(), "127.0.0.1", "localhost")]
+        address = listening_address(host)
+    except ValueError as error:
+        raise UsageError(f"--host {error}") from error
+    try:
+        door = socket.create_server((address, port), family=socket.AF_INET6 if ":" in address else socket.AF_INET)
+    except OSError as error:
+        raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
+    bound, port = door.getsockname()[:2]
+    named = f"[{bound}]" if ":" in host else host.lower()
+    return door, [f"{name}:{port}" for name in (named, socket.gethostname().lower(), "127.0.0.1", "localhost")]
