@@ -92,8 +92,6 @@ class Bench:
             own.append("this bench has no shutter: nothing here can shut off the light")
         elif not self.shutter.has_watchdog:
             own.append("no watchdog: if the computer freezes or kills this program, the shutter stays open")
-            if takes_turns():
-                own.append(COROUTINES)
         if self.settings.safety.dry_run:
             stays = "the shutter stays closed" if self.settings.shutter_on != "nothing" else (
                 "there is no shutter that it could keep closed, switch the laser off by hand")  # fmt: skip
@@ -170,7 +168,9 @@ def open_bench(
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
             stack.callback(setattr, bench, "closed", True)
-            for warning in bench.warnings:
+            # Of coroutines the shutter itself tells who looks on, as light comes, on a bench in part as well.
+            coroutines = [COROUTINES] if silence is not None and not shutter.has_watchdog and takes_turns() else []
+            for warning in (*bench.warnings, *coroutines):
                 events.report("warning", warning)
             yield bench
 

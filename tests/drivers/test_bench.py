@@ -352,7 +352,7 @@ def test_a_bench_file_that_does_not_fit_together_is_refused(
         parse(text, "bench.yaml", BenchSettings)
 
 
-def test_a_bench_without_shutter_or_watchdog_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
     ttl = settings().model_dump(mode="json")
     ttl["mirror"]["shutter_pin"] = 9
     ttl["shutter"]["model"] = "triggerscope_ttl"
@@ -363,13 +363,29 @@ def test_a_bench_without_shutter_or_watchdog_says_so(monkeypatch: pytest.MonkeyP
         opened.shutter.close()
         assert not opened.simulated.shutter_open
         assert "no watchdog: if the computer freezes or kills this program, the shutter stays open" in opened.warnings
-        assert COROUTINES not in opened.warnings
-        with monkeypatch.context() as as_gevent:
-            real = threading.get_ident
-            as_gevent.setattr(threading, "get_ident", lambda: real())
-            assert COROUTINES in opened.warnings
     without = ttl | {"shutter": {"model": "none"}, "safety": {"watchdog_s": 0.0}}
     events: list[tuple[str, str]] = []
     with open_bench(BenchSettings.model_validate_json(json.dumps(without))) as opened:
         opened.on_event = lambda kind, text: events.append((kind, text))
         assert ("warning", "this bench has no shutter: nothing here can shut off the light") in events
+
+
+def test_a_program_of_coroutines_is_warned_once_and_the_recording_keeps_it(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The command line says what `warnings` holds and what is logged."""
+    ttl = settings().model_dump(mode="json")
+    ttl["mirror"]["shutter_pin"] = 9
+    ttl["shutter"]["model"] = "triggerscope_ttl"
+    real, events = threading.get_ident, list[tuple[str, str]]()
+    for as_gevent in (False, True):
+        if as_gevent:
+            monkeypatch.setattr(threading, "get_ident", lambda: real())
+            monkeypatch.setattr(threading.Thread, "start", lambda thread: None)  # light of 0 s has no need of it
+        with open_bench(BenchSettings.model_validate_json(json.dumps(ttl))) as opened:
+            monkeypatch.setattr(type(opened.clock), "passes_by_itself", True)
+            opened.on_event = lambda kind, text: events.append((kind, text))
+            opened.shutter.open()
+            opened.shutter.close()
+            told = [*opened.warnings, *(record.getMessage() for record in caplog.records)]
+        assert (told.count(COROUTINES), events.count(("warning", COROUTINES))) == (as_gevent, as_gevent)
