@@ -74,12 +74,10 @@ def storable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def stored_path(folder: Path, path: str) -> Path:
-    """The file below `folder` whose `storable` name is `path`."""
-    literal = folder / path
-    if literal.exists():  # a backslash of the name's own
-        return literal
-    return folder / re.sub(r"\\u(dc[89a-f][0-9a-f])", lambda found: chr(int(found[1], 16)), path)
+def named_as(folder: Path, stored: str) -> str:
+    """The name below `folder` that is kept as `stored`, as Python carries it."""
+    meant = re.sub(r"\\u(dc[89a-f][0-9a-f])", lambda found: chr(int(found[1], 16)), stored)
+    return stored if meant == stored or (folder / stored).exists() else meant  # a backslash of the name's own
 
 
 def stamp_of(found: os.stat_result) -> tuple[int, int, int]:

@@ -27,11 +27,11 @@ from nlos.runs.database import (
     is_in_use,
     keep,
     made,
+    named_as,
     opened,
     stamp_of,
     stamps,
     storable,
-    stored_path,
 )
 from nlos.runs.query import OTHER, UNREADABLE, condition, local_time
 
@@ -49,8 +49,8 @@ class Changes:
 
 @dataclass(frozen=True)
 class Run:
-    """One recording of a list. `path` is relative to the folder, bytes that are no text as `\\udcff`; `summary` as
-    `summarise` gives it."""
+    """One recording of a list. `path` is relative to the folder, bytes that are no text as Python has them; `summary`
+    as `summarise` gives it."""
 
     path: str
     started: str
@@ -60,7 +60,7 @@ class Run:
 
     def file(self, folder: Path) -> Path:
         """The recording itself, below the folder of the list."""
-        return stored_path(folder, self.path)
+        return folder / self.path
 
 
 class RunsIndex:
@@ -151,24 +151,23 @@ class RunsIndex:
         given = (OTHER, *values, -1 if limit is None else limit)
         try:
             try:
-                return [_run(*row) for row in self._base.execute(asked, given).fetchall()]
+                return [self._run(*row) for row in self._base.execute(asked, given).fetchall()]
             except DAMAGED as error:
                 if is_in_use(error):
                     raise
             self.update(afresh=True)
-            return [_run(*row) for row in self._base.execute(asked, given).fetchall()]
+            return [self._run(*row) for row in self._base.execute(asked, given).fetchall()]
         except sqlite3.Error as error:
             raise self._trouble("read", error) from error
+
+    def _run(self, path: str, started: str, status: str, summary: str | None, crc: int | None) -> Run:
+        if summary is None or checksum(summary) != crc:
+            raise sqlite3.DatabaseError(f"the summary of {path} is damaged")
+        return Run(named_as(self.folder, path), local_time(started), status, json.loads(summary))
 
     def count(self) -> int:
         """How many runs there are in all."""
         return int(self._base.execute("SELECT count(*) FROM runs WHERE kind != ?", (OTHER,)).fetchone()[0])
-
-
-def _run(path: str, started: str, status: str, summary: str | None, crc: int | None) -> Run:
-    if summary is None or checksum(summary) != crc:
-        raise sqlite3.DatabaseError(f"the summary of {path} is damaged")
-    return Run(path, local_time(started), status, json.loads(summary))
 
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
