@@ -119,3 +119,17 @@ def test_the_first_ctrl_c_at_the_question_ends_the_scan_whatever_paused_it(
         assert not interrupts.ask(why)
         assert not control.wanted
     assert said.getvalue() == f"paused {how}; the shutter is closed. Enter resumes, Ctrl-C ends the scan.\n"
+
+
+@pytest.mark.parametrize(("why", "asked"), [("Ctrl-C in the terminal", False), ("alarm: the rate", True)])
+def test_nobody_is_asked_whether_a_scan_resumes_that_has_its_last_point(
+    monkeypatch: pytest.MonkeyPatch, why: str, asked: bool
+) -> None:
+    monkeypatch.setattr("sys.stdin", Fingers())
+    monkeypatch.setattr("sys.stderr", said := Fingers())
+    control = ScanControl()
+    with Interrupts().caught() as interrupts:
+        interrupts.pauses(control, shuttered=True)
+        assert interrupts.ask(why, over=True) is not asked
+        assert not interrupts.seen or asked
+    assert ("Enter resumes" in said.getvalue()) is asked

@@ -144,11 +144,14 @@ class Interrupts:
         self._at_terminal = sys.stdin.isatty()
         self._light = "the shutter is closed" if shuttered else "the laser is as it was, this bench has no shutter"
 
-    def ask(self, why: str) -> bool:
+    def ask(self, why: str, over: bool = False) -> bool:
         """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False. A program that was
-        stopped meanwhile asks again."""
+        stopped meanwhile asks again. Of a scan that is `over` a person has nothing left to pause, and is not asked."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
+        if over and why in _BY_HAND.values():
+            self.seen = False
+            return True
         how = f"by {why}" if why in _BY_HAND.values() else f"({why})"
 
         def ask() -> None:

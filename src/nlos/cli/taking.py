@@ -274,7 +274,7 @@ def _kept_words(kept: Path, taken: int) -> str:
 def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", why: str) -> bool:
     writer.flush()  # whoever is asked may come back tomorrow
     progress.hide()
-    going = interrupts.ask(why)
+    going = interrupts.ask(why, writer.has_all)
     if going:
         progress.show()
     return going
