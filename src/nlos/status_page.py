@@ -103,9 +103,9 @@ def _under_way(growing: Sequence[Run], latest: Sequence[Run]) -> str:
 
 
 def _series(folder: Path) -> str:
-    """The series below the folder whose journal changed last."""
+    """The series below the folder that is going, else the one whose journal changed last."""
     try:
-        journals = sorted(folder.glob(f"**/{JOURNAL}"), key=lambda path: path.stat().st_mtime)
+        journals = sorted(folder.glob(f"**/{JOURNAL}"), key=lambda path: (is_locked(path), path.stat().st_mtime))
     except OSError:
         return ""
     if not journals:

@@ -34,6 +34,26 @@ def test_a_picture_or_the_lack_of_one_is_no_outcome_of_a_scan(tmp_path: Path) ->
     assert journal.outcome("2-cap") == WAITING
 
 
+@pytest.mark.parametrize(
+    ("lines", "has"),
+    [
+        ([BEGUN, DONE], None),
+        ([BEGUN, DONE, PICTURE], True),
+        ([BEGUN, DONE, PICTURE, BEGUN, DONE], False),
+        ([BEGUN, DONE, PICTURE, BEGUN, DONE, NO_PICTURE], False),
+        ([BEGUN, DONE, NO_PICTURE, PICTURE], True),
+    ],
+)
+def test_of_which_recording_a_picture_is_is_told_by_no_clock(
+    tmp_path: Path, lines: list[str], has: bool | None
+) -> None:
+    journal = Journal(tmp_path)
+    for what in lines:
+        journal.add("1-hat", what)
+        journal.add("2-cap", DONE)
+    assert journal.has_picture("1-hat") is has
+
+
 @pytest.mark.parametrize("harm", [b"\xff\xfe\n", b"[1, 2]\n", b"{}\n", b"null\n", b'{"at": "2026-0', b"\0" * 512])
 def test_what_is_no_line_costs_no_other(tmp_path: Path, harm: bytes) -> None:
     journal = Journal(tmp_path)

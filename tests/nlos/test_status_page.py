@@ -130,6 +130,19 @@ def test_a_scan_that_an_alarm_ended_with_its_series_is_not_over(data: Path) -> N
     assert "2 of 3 scans, not running now" in plain(body(data))
 
 
+def test_the_series_that_is_going_is_shown_whatever_the_clock_says(data: Path) -> None:
+    """It was set back meanwhile, or the disk's is another machine's."""
+    (data / "older").mkdir()
+    Journal(data / "older").add("1-cap", DONE)
+    os.utime(data / "night" / NAME, (1, 1))
+    assert "Series older" in plain(body(data))
+    lock = WriterLock(data / "night" / NAME)
+    try:
+        assert "Series night" in plain(body(data))
+    finally:
+        lock.release()
+
+
 def test_it_says_which_run_ended_the_series(data: Path) -> None:
     assert "1 of 3 scans, not running now: 2-cap alarm Scan" in plain(body(data))
     Journal(data / "night").add("3-hut", BEGUN)

@@ -157,14 +157,19 @@ def _one(series: Series, journal: Journal, run: Run) -> None:
         terminal.log(f"warning: run {run.name} left as it is: {error}")
         return
     journal.add(run.name, outcomes.DONE, run.digest)
-    if series.queue.settings.reconstruct is None and _is_stale(path):
+    if series.queue.settings.reconstruct is None and _is_stale(journal, run, path):
         terminal.log(f"warning: {path.with_suffix('')}: holds a picture that is older than {path.name}, so not of it")
 
 
-def _is_stale(run: Path) -> bool:
-    """Whether there is a picture that was made before the recording was: of one that had its name."""
-    picture = run.with_suffix("") / "reconstruction.h5"
-    return picture.exists() and picture.stat().st_mtime_ns < run.stat().st_mtime_ns
+def _is_stale(journal: Journal, run: Run, path: Path) -> bool:
+    """Whether there is a picture that was made before the recording was: of one that had its name. The order of the
+    journal's lines tells, whatever the clock was set to meanwhile; of a picture that it does not know, the files'
+    times."""
+    picture = path.with_suffix("") / "reconstruction.h5"
+    if not picture.exists():
+        return False
+    ours = journal.has_picture(run.name)
+    return picture.stat().st_mtime_ns < path.stat().st_mtime_ns if ours is None else not ours
 
 
 def _may_go_on(series: Series, error: BaseException) -> bool:
@@ -183,7 +188,7 @@ def _pictures(series: Series, journal: Journal) -> int:
         folder = path.with_suffix("")
         if journal.outcome(run.name) != outcomes.DONE:
             continue
-        if (folder / "reconstruction.h5").exists() and not _is_stale(path):
+        if (folder / "reconstruction.h5").exists() and not _is_stale(journal, run, path):
             continue
         try:
             done = reconstruct_file(

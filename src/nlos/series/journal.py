@@ -81,6 +81,11 @@ class Journal:
             (line for line in reversed(self.lines) if line.run == run and line.what not in (PICTURE, NO_PICTURE)), None
         )
 
+    def has_picture(self, run: str) -> bool | None:
+        """Whether the last picture that the series made of a run is of its recording as it is; None: it made none."""
+        lines = [line.what for line in self.lines if line.run == run]
+        return lines[-1] == PICTURE if PICTURE in lines else None
+
     def is_over(self, run: str, going: bool) -> bool:
         """Whether nothing more is taken of a run by its series, which is `going` or not: it is done, or an alarm ended
         it and the series went on without it. One that an alarm or anything else ended with the series is resumed."""
