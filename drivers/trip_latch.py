@@ -121,6 +121,15 @@ class TripLatch:
             return log
 
 
+def check_before_light(settings: BenchSettings) -> None:
+    """What would refuse light on this bench whatever is to be scanned: a trip that stands, and no place to write one
+    down. Raises `SafetyTrip`, `LimitError`."""
+    latch = TripLatch.of_bench(settings)
+    latch.check(there=settings.shutter_on != "nothing")
+    if not settings.safety.dry_run:
+        latch.check_place()
+
+
 def tripped(why: str, there: bool) -> SafetyTrip:
     """What refuses light after a trip."""
     return SafetyTrip(

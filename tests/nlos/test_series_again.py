@@ -11,6 +11,9 @@ import yaml
 
 from nlos.__main__ import run
 from nlos.acquisition.recording.recording import Recording
+from nlos.cli.benches import load_bench
+from nlos.configs.load import find
+from nlos.drivers.trip_latch import TripLatch
 from nlos.recon.errors import ReconstructionFailed
 from nlos.series.expand import expand
 from nlos.series.journal import Journal
@@ -70,13 +73,33 @@ def test_a_series_that_the_disk_does_not_hold_is_not_begun(
     queue = series_of_two(tmp_path, folder="a/b")
     free = [1000]
     monkeypatch.setattr("nlos.series.room.shutil.disk_usage", lambda folder: SimpleNamespace(free=free[0]))
-    assert run(["queue", str(queue)]) == 6
-    assert "the series needs" in capsys.readouterr().err
+    for asked in (["--plan"], []):
+        assert run(["queue", str(queue), *asked]) == 6
+        assert "the series needs" in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.h5"))
     free[0] = 1 << 40
     assert run(["queue", str(queue)]) == 0
     free[0] = 0  # what is there needs no more
     assert run(["queue", str(queue)]) == 0
+
+
+def test_a_series_whose_bench_may_have_no_light_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its second scan alone is on that bench; `--plan` says so, too."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path / "state"))
+    (tmp_path / "other.yaml").write_text(find("bench", "zero_latency").read_text())
+    queue = series_of_two(tmp_path)
+    content = yaml.safe_load(queue.read_text())
+    content["runs"][1]["bench"] = "other.yaml"
+    queue.write_text(yaml.safe_dump(content))
+    TripLatch.of_bench(load_bench(str(tmp_path / "other.yaml")).settings).trip("too bright")
+    for asked in (["--plan"], []):
+        assert run(["queue", str(queue), *asked]) == 4
+        said = capsys.readouterr().err
+        assert "--clear-trip" in said
+        assert "in run 2-few; no scan of the series has begun" in said
+    assert not list(tmp_path.rglob("*.h5"))
 
 
 @pytest.mark.parametrize("failure", [ReconstructionFailed("not finite"), MemoryError("not finite")])

@@ -40,7 +40,7 @@ from nlos.cli.targets import check_place, picture_target, recording_target
 from nlos.cli.terminal import terminal
 from nlos.configs.load import load
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.trip_latch import TripLatch
+from nlos.drivers.trip_latch import check_before_light
 from nlos.response import resolution_across_m, response_of, response_wanted
 from nlos.run_defaults import dated_name
 from nlos.writable import check_writable
@@ -134,10 +134,7 @@ def _stands_there(output: Path | None, overwrite: bool) -> str:
 
 def _check_before_light(bench: "BenchSettings", planned: "ScanPlan", asked: ScanSettings, target: Path) -> None:
     """What has nothing to do with the plan, and would refuse its scan all the same."""
-    latch = TripLatch.of_bench(bench)
-    latch.check(there=bench.shutter_on != "nothing")
-    if not bench.safety.dry_run:
-        latch.check_place()
+    check_before_light(bench)
     check_writable(file_to_write(target).absolute().parent)
     check_disk(planned, target, round(asked.alarms.min_free_mb * 1e6))
 

@@ -93,7 +93,9 @@ def forecast(series: Series) -> None:
     """Checks everything and says what is to come; writes nothing."""
     journal = Journal(series.folder)
     todo = [run for run in series.runs if not _seems_over(series, journal, run)]
-    _tell(series, journal, todo, list(forecasts(todo, series.constants)))
+    expected = list(forecasts(todo, series.constants))
+    _tell(series, journal, todo, expected)
+    check_room(series.folder, [(series.recording(run), each) for run, each in zip(todo, expected, strict=True)])
 
 
 def _seems_over(series: Series, journal: Journal, run: Run) -> bool:

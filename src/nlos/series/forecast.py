@@ -9,6 +9,8 @@ from nlos.acquisition.planning.preflight import aim_of, checked_angles, disk_byt
 from nlos.acquisition.planning.schemes import choose
 from nlos.bench_constants import aiming_constants
 from nlos.cli.benches import opened, twin
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.trip_latch import check_before_light
 from nlos.series.expand import Run
 
 
@@ -28,6 +30,11 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
     for _, group in itertools.groupby(runs, key=lambda run: run.bench.path):
         same = list(group)
         table = same[0].bench
+        try:
+            check_before_light(table.settings)
+        except DeviceError as error:
+            error.add_note(_before(same[0]))
+            raise
         with opened(twin(table), quiet=True, logged=table.settings.simulated) as bench:
             known = aiming_constants(constants, same[0].bench.settings.model_dump_json(), {})
             measured = None if known is None else known.constants.geometry
@@ -37,6 +44,10 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
                     plan = fitted(run.scan.settings.plan(), bench)
                     choice = choose(plan, bench, checked_angles(plan, bench, aim), aim=aim)
                 except (ValueError, RuntimeError, OSError) as error:
-                    error.add_note(f"in run {run.name}; no scan of the series has begun")
+                    error.add_note(_before(run))
                     raise
                 yield Forecast(plan.most_samples, choice.forecast.total_s, disk_bytes(plan), choice.scheme.value)
+
+
+def _before(run: Run) -> str:
+    return f"in run {run.name}; no scan of the series has begun"

@@ -9,9 +9,11 @@ from nlos.series.forecast import Forecast
 
 
 def check_room(folder: Path, coming: Sequence[tuple[Path, Forecast]]) -> None:
-    """Raises `StorageError` where it does not. A recording that is begun has its place already."""
+    """Raises `StorageError` where it does not, be the folder there yet or not. A recording that is begun has its place
+    already."""
+    there = next((each for each in (folder, *folder.absolute().parents) if each.exists()), folder)
     needed = sum(each.disk_bytes for path, each in coming if not path.exists())
-    free = shutil.disk_usage(folder).free
+    free = shutil.disk_usage(there).free
     if needed > free:
         raise StorageError(
             f"{folder}: the series needs {needed / 1e6:.0f} MB, there are {free / 1e6:.0f} MB. Free disk space, "
