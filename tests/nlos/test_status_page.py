@@ -281,3 +281,14 @@ def test_a_token_that_no_address_holds_is_refused(
     assert run(["status", str(data), "--token", token]) == 2
     assert "16 to 100 of a-z" in capsys.readouterr().err
     assert run(["status", str(data / "gone")]) == 2
+
+
+def test_a_page_that_could_never_be_made_is_not_served(
+    data: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A service of a user without a home folder: whoever asked was hung up on."""
+    monkeypatch.setattr(WebServer, "run", lambda server: None)
+    monkeypatch.delenv("NLOS_STATE")
+    monkeypatch.setenv("HOME", "")
+    assert run(["status", str(data)]) == 2
+    assert "no home folder" in capsys.readouterr().err

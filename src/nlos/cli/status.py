@@ -13,6 +13,7 @@ from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.interrupts import served_until_told
 from nlos.cli.terminal import terminal
+from nlos.drivers.state_folder import state_folder
 from nlos.live.web import WebServer
 from nlos.run_defaults import data_folder
 from nlos.status_page import StatusPage
@@ -40,6 +41,7 @@ def status(
         raise FileNotFoundError(f"{where}: no such folder")
     if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # what an address may hold
         raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
+    state_folder()  # where there can be none, no page is ever made
     door, names = listening_at(host, port)
     if hasattr(os, "nice"):
         os.nice(NICENESS)  # a scan on this machine goes first
