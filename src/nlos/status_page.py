@@ -5,6 +5,7 @@ by line, by keys or by ear. Made from files alone, by a process of its own, so
 that nothing a visitor does reaches the laser, the mirrors or a recording.
 """
 
+import os
 import threading
 import time
 from collections.abc import Sequence
@@ -68,6 +69,11 @@ class StatusPage:
 
 def body(folder: Path) -> str:
     """What is known of the folder now."""
+    try:
+        os.scandir(folder).close()
+    except OSError as error:  # a disk that was pulled out holds no runs either, but that is not what it means
+        gone = f"{folder}: cannot be read ({error.strerror}). Whether a scan is under way is not known here."
+        return escaped(f'<h1>{escape(folder.name)}</h1><p class="big">{escape(gone)}</p>')
     try:
         with RunsIndex(folder) as index:
             if index.not_kept is not None:  # it would read every recording for every look at the page

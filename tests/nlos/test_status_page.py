@@ -283,6 +283,13 @@ def test_a_token_that_no_address_holds_is_refused(
     assert run(["status", str(data / "gone")]) == 2
 
 
+def test_a_folder_that_is_gone_is_not_called_a_folder_without_scans(data: Path) -> None:
+    gone = data.rename(data.with_name("elsewhere")).with_name("data")
+    said = plain(body(gone))
+    assert "cannot be read (No such file or directory). Whether a scan is under way is not known here." in said
+    assert "No scan is under way" not in said
+
+
 def test_a_page_that_could_never_be_made_is_not_served(
     data: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
