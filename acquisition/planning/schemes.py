@@ -105,6 +105,8 @@ def choose(
         and np.median(plan.dwell_s) < np.median(moves_s(bench, angles[:FORECAST_POINTS]))
     ):
         try:
+            if lag is not None and lag.refused:
+                raise LineRefused("mirror", lag.refused)
             swept = _of_frames(partial(_swept_forecast, lag=lag, aim=aim), plan, bench, angles, links)
         except LineRefused as error:
             return replace(points, why=f"not in continuous lines: {error.what}")

@@ -50,6 +50,8 @@ class ScanControl:
         self._wanted = ""
         self.scheme = ""
         """By which the scan is taken: not always the one that was chosen before its light."""
+        self.expected_s = 0.0
+        """How long that takes, with what another scheme had taken before it."""
 
     @property
     def state(self) -> ScanState:

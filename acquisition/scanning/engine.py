@@ -59,11 +59,13 @@ def scan(
     after every sample, and once before the light of a scan that is resumed, whether the scan may end early; where a
     first pass is followed by a second, the first yes ends the first. `decided`: after how many of the samples in
     `taken` it had said yes. `adviser` says which candidates of a plan with a budget come next. Continuous lines are
-    swept by `lag`, or by what is measured before them; lines that lead by that and do not fit are taken point by point,
-    unless `scheme` asks for lines. Raises `DeviceError` with the shutter closed.
+    swept by `lag`, or by what is measured before them; where they do not fit by that, or it cannot be measured, points
+    are taken one by one, unless `scheme` asks for lines. Raises `DeviceError` with the shutter closed.
     """
     aim = aim or aim_of(bench)
     angles = checked_angles(plan, bench, aim)
+    if scheme is not None and lag is not None and lag.refused:
+        lag = None  # whoever asks for lines by name has them measured again
     choice = choose(plan, bench, angles, lag=lag, aim=aim)
     if scheme is not None:
         expected = choice.forecast if scheme is choice.scheme else forecast(scheme, plan, bench, angles, lag, aim)
@@ -152,12 +154,13 @@ class _Run:
 
     def _takes_by(self, choice: Choice) -> None:
         self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
-        self._control.scheme = choice.scheme.value
+        self._control.scheme, self._control.expected_s = choice.scheme.value, choice.forecast.total_s
         self._bench.report("scheme", choice.said)
 
     def _sweep_or(self, points: Choice | None, lines: Lines) -> None:
-        """Sweeps lines once their lag is known; takes `points`, where there are any, if lines cannot lead by it."""
-        mirror, counter = self._bench.mirror, self._bench.counter
+        """Sweeps lines once their lag is known; takes `points`, where there are any, if lines cannot lead by it, or it
+        cannot be measured."""
+        mirror, counter, began_s = self._bench.mirror, self._bench.counter, self._bench.clock.now()
         try:
             if (lag := self._known_lag(lines)) is not None:
                 lines.lag_s = lag.lag_s
@@ -166,8 +169,11 @@ class _Run:
         except LineRefused as error:
             if points is None:
                 raise
-            dark(self._bench, "a line that does not fit")
+            dark(self._bench, "lines that are not swept")
+            if error.lag is not None:
+                self._bench.report("lag", error.lag.text())
             self._takes_by(replace(points, why=f"not in continuous lines: {error.what}"))
+            self._control.expected_s = self._bench.clock.now() - began_s + points.forecast.total_s
 
     def _known_lag(self, lines: Lines) -> Lag | None:
         """By how much the mirror trails them: as known, or measured now; paused and ended as ever."""

@@ -7,7 +7,7 @@ looks like does not matter: both are fitted by one polynomial and its shift.
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -31,18 +31,27 @@ class Lag:
 
     lag_s: float
     within_px: float
+    refused: str = ""
+    """Why no lines are swept by it, so that points are taken one by one; neither number need be finite then."""
 
     def text(self) -> str:
         """As the event log of a recording keeps it."""
-        return json.dumps(asdict(self))
+        known: dict[str, float | str | None] = {
+            name: value if math.isfinite(value) else None
+            for name, value in (("lag_s", self.lag_s), ("within_px", self.within_px))
+        }
+        return json.dumps({**known, "refused": self.refused} if self.refused else known)
 
     @classmethod
     def of_text(cls, text: str) -> "Lag":
         """Raises `InvalidData` for anything else."""
         try:
             values = json.loads(text)
-            lag = cls(float(values["lag_s"]), float(values["within_px"]))
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            lag_s, within_px = values["lag_s"], values["within_px"]
+            if refused := str(values.get("refused", "")):
+                return cls(math.nan if lag_s is None else lag_s, math.inf if within_px is None else within_px, refused)
+            lag = cls(float(lag_s), float(within_px))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise InvalidData(f"an event of kind lag says {text[:80]!r}") from error
         if not (math.isfinite(lag.lag_s) and 0 <= lag.within_px < 1):
             raise InvalidData(f"an event of kind lag says {text[:80]!r}")

@@ -106,9 +106,19 @@ def measure(
 ) -> Lag | None:
     """The lag of the plan's lines on this bench, with a bound in steps of a line of at most `plan.within_px`; None
     where a pause is wanted. The counter must be configured; the shutter is left to the caller to close. Raises
-    `TrialEnded` where one of the scan's alarms stands, `LineRefused` where lines that lead by what was found so far
-    cannot be swept, `LimitError` where the mirror does not follow them as closely as that, or there is too little light
-    to tell."""
+    `TrialEnded` where one of the scan's alarms stands; `LineRefused`, with the lag as far as it is known, where lines
+    that lead by it cannot be swept, the mirror does not follow them as closely as that, or there is too little light to
+    tell; `LimitError` where its table of settling times cannot be right."""
+    found = [Lag(math.nan, math.inf)]
+    try:
+        return _measure(plan, bench, lines, under_way, found)
+    except LineRefused as error:
+        error.lag = replace(found[-1], refused=error.what)
+        raise
+
+
+def _measure(plan: ScanPlan, bench: Bench, lines: Lines, under_way: UnderWay, found: list[Lag]) -> Lag | None:
+    """As `measure`; what is known after each sequence is appended to `found`."""
     within_px = plan.within_px
     assert within_px is not None
     dwell_s = trial_dwell_s(lines)
@@ -132,16 +142,21 @@ def measure(
         # Half a line is on average half as old as a whole one: what grows along a line does so twice as much.
         growth, doubt = abs(early.points - lag.points), math.hypot(early.error, lag.error)
         bound = SIGMAS * lag.error + 2 * (growth + 2 * doubt)
+        found.append(Lag(lag.points * dwell_s if math.isfinite(lag.error) else math.nan, bound))
         if bound <= within_px:
-            if lag.points * dwell_s > settled_s:
-                raise _slower_than_its_table(lag.points * dwell_s, settled_s)
-            return Lag(lag.points * dwell_s, bound)
+            if found[-1].lag_s > settled_s:
+                raise _slower_than_its_table(found[-1].lag_s, settled_s)
+            return found[-1]
         if turn > HOPELESS_AFTER and (not math.isfinite(bound) or 2 * (growth - 4 * doubt) > within_px):
             break
-    raise LimitError(
+    known = "no light says where the beam is"
+    if math.isfinite(bound):
+        trails = f"trails by {found[-1].lag_s * 1e3:.3g} ms"
+        known = f"the beam {trails} and is known to be within {bound:.2g} pixels of its points"
+    raise LineRefused(
         "mirror",
-        f"on continuous lines the beam is known to be within {bound:.2g} pixels of its points after "
-        f"{turn + 1} sequences swept there and back; the plan asks for {within_px:g}.",
+        f"on continuous lines {known} after {turn + 1} sequences swept there and back; the plan asks for "
+        f"{within_px:g}.",
         "Let more light from the wall into the histogram, or: " + SETTLED,
     )
 

@@ -16,6 +16,7 @@ from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.scanning.clocked import Settle, Stepping
+from nlos.acquisition.scanning.lag import Lag
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -34,7 +35,10 @@ Floats = npt.NDArray[np.float64]
 
 
 class LineRefused(LimitError):
-    """A line that this bench cannot sweep: its points can still be taken one by one."""
+    """A line that this bench cannot sweep: its points can still be taken one by one. `lag`: what a measurement had
+    found of it by then."""
+
+    lag: Lag | None = None
 
 
 class Lines:

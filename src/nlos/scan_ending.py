@@ -57,6 +57,11 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
         return self._control.scheme
 
     @property
+    def expected_s(self) -> float:
+        """How long the scan was forecast to take by it; 0 where none was begun."""
+        return self._control.expected_s
+
+    @property
     def path(self) -> Path:
         return self._writer.path
 

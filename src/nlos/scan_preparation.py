@@ -143,7 +143,8 @@ def usual_dark_hz(settings: BenchSettings) -> float | None:
 
 
 def known_lag(target: Path) -> Lag | None:
-    """What a recording that is resumed was swept by; its further lines use the same."""
+    """What a recording that is resumed was swept by; its further lines use the same, or its points are
+    taken one by one as before."""
     if not target.exists():
         return None
     try:

@@ -17,6 +17,8 @@ class TimeLeft:
         self._samples = 0
         self._dwell_s = self._live_s = 0.0
         """Of the samples so far: as planned, and as measured, which is less where points stop early."""
+        self._before_s: float | None = None
+        """What passed before the first sample: instruments are set up, a lag is measured. No other point pays that."""
         self.elapsed_s = elapsed_s
         """Bench time from the scan's start to the end of the last sample."""
         self.busy_s = 0.0
@@ -28,6 +30,8 @@ class TimeLeft:
         after_s = max(sample.taken_s + live_s - self.elapsed_s, 0.0)
         self.elapsed_s += after_s
         self.busy_s += 0.0 if is_pause(after_s, live_s) else after_s
+        if self._before_s is None:
+            self._before_s = max(self.busy_s - live_s, 0.0)
 
     def took(self, sample: Sample) -> None:
         """It is its point's first: one less is left."""
@@ -40,7 +44,7 @@ class TimeLeft:
         """Bench time until the last point of the plan is over; None before the first sample."""
         if not self._samples:
             return None
-        beside_s = max(self.busy_s - self._live_s, 0.0) / self._samples
+        beside_s = max(self.busy_s - self._live_s - (self._before_s or 0.0), 0.0) / max(self._samples - 1, 1)
         lit_s = max(self._left_dwell_s - self._dwell_s, 0.0) * self._live_s / self._dwell_s
         return max(self._left - self._samples, 0) * beside_s + lit_s
 

@@ -1,5 +1,7 @@
 """Continuous lines put the beam on each point in the middle of its dwell, although the mirror never settles."""
 
+import math
+import re
 from collections.abc import Callable
 from functools import partial
 from itertools import groupby
@@ -129,6 +131,50 @@ def test_a_mirror_that_does_not_follow_is_found_out_and_refused(
 def test_without_light_from_the_wall_nothing_is_swept(bright: Benches, small_plan: Plans) -> None:
     with open_bench(bright(direct_cps=0.0)) as bench, pytest.raises(LimitError, match="Let more light from the wall"):
         list(scan(fast_plan(small_plan), bench, scheme=Scheme.SWEPT))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"direct_cps": 4e3}, {"servo": {"slew_deg_per_s": 1000.0}}], ids=["light", "mirror"]
+)
+def test_lines_whose_lag_cannot_be_measured_are_taken_point_by_point(
+    bright: Benches, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any]
+) -> None:
+    """Where nobody asked for lines by name; a scan that is resumed does so, too, without light for a measurement."""
+    monkeypatch.setattr(schemes, "USUAL", 0)  # else so small a scan is not worth the measurement
+    plan, events, control = fast_plan(small_plan), list[tuple[str, str]](), ScanControl()
+    with open_bench(bright(**changes)) as bench:
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        began_s = bench.clock.now()
+        samples = list(scan(plan, bench, control=control))
+        took_s = bench.clock.now() - began_s
+    kinds = [kind for kind, _ in events]
+    told = dict(events)
+    assert kinds[:5] == ["scheme", "shutter", "shutter", "lag", "scheme"]
+    assert events[2][1] == "closed: lines that are not swept"
+    assert re.search(r"not in continuous lines: .*the beam trails by .* ms .* \d+ sequences", told["scheme"])
+    assert len(samples) == len(plan)
+    assert (control.scheme, control.state) == (Scheme.STEPPED.value, ScanState.COMPLETE)
+    assert control.expected_s == pytest.approx(took_s, rel=0.05)
+    lag = Lag.of_text(told["lag"])
+    assert lag.refused in told["scheme"]
+    assert lag.within_px > 0.25
+    with open_bench(bright(**changes)) as bench:
+        choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)), lag=lag)
+        assert choice.scheme is Scheme.STEPPED
+        assert lag.refused in choice.why
+        rest = list(scan(plan, bench, taken=dict.fromkeys(range(500), 0), lag=lag))
+    for sample, first in zip(rest, samples[500:], strict=True):
+        assert np.array_equal(sample.histogram.counts, first.histogram.counts)
+
+
+def test_whoever_asks_for_lines_by_name_has_a_lag_that_was_refused_measured_again(
+    bright: Benches, small_plan: Plans
+) -> None:
+    lag = Lag.of_text(Lag(math.nan, math.inf, "too little light.").text())
+    assert (lag.refused, lag.within_px) == ("too little light.", math.inf)
+    with open_bench(bright()) as bench:
+        *_, measured = swept(fast_plan(small_plan), bench, lag=lag)
+    assert not measured.refused
 
 
 def test_lines_are_swept_where_that_is_faster_and_the_plan_allows_it(bright: Benches, small_plan: Plans) -> None:

@@ -29,7 +29,9 @@ def test_lines_that_turn_out_not_to_fit_are_told_with_what_is_done_instead(
 
     def measure(*_: object) -> Lag:
         if not fit:
-            raise LineRefused("mirror", "the run-up is too long.", "Scan a smaller wall.")
+            error = LineRefused("mirror", "the run-up is too long.", "Scan a smaller wall.")
+            error.lag = Lag(0.3e-3, 0.1, error.what)
+            raise error
         return Lag(0.12e-3, 0.1)
 
     monkeypatch.setattr(lag_trial, "measure", measure)
@@ -43,3 +45,9 @@ def test_lines_that_turn_out_not_to_fit_are_told_with_what_is_done_instead(
     assert json.loads(done.stdout)["scheme"] == ("S2, continuous lines" if fit else "S2")
     with Recording.open(tmp_path / "run.h5") as recording:
         assert len([event for event in recording.events() if event.kind == "scheme"]) == (1 if fit else 2)
+        expected = [event.text for event in recording.events() if event.kind == "scheme"][-1]
+        lags = [Lag.of_text(event.text) for event in recording.events() if event.kind == "lag"]
+    known = (0.12e-3, "") if fit else (0.3e-3, "the run-up is too long.")
+    assert [(lag.lag_s, lag.refused) for lag in lags] == [known]
+    predicted_s = json.loads(done.stdout)["predicted_s"]
+    assert f", {predicted_s:.1f} s expected" in expected

@@ -226,6 +226,20 @@ def test_a_scan_that_is_resumed_knows_how_long_the_points_it_still_has_take(tmp_
     assert told[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_what_passes_before_the_first_point_is_no_pace(tmp_path: Path) -> None:
+    """Minutes in which a lag was measured, or instruments were set up: 4096 points were said to take days."""
+    with Recording.open(recorded(tmp_path, EIGHT_BY_EIGHT)) as recording:
+        plan, samples = recording.plan, list(recording.samples())
+    left, late = TimeLeft(plan), TimeLeft(plan)
+    for sample in samples[:-1]:
+        left.passed(sample)
+        left.took(sample)
+        late.passed(replace(sample, taken_s=sample.taken_s + 9.0))
+        late.took(sample)
+        assert late.left_s == pytest.approx(left.left_s)
+        assert late.busy_s == pytest.approx(left.busy_s + 9.0)
+
+
 @pytest.mark.parametrize("pattern", ["serpentine", "{kind: circle, radius_m: 0.2, points: 24}"])
 def test_a_point_that_its_last_count_stopped_is_not_taken_for_too_bright(tmp_path: Path, pattern: str) -> None:
     """On the grid or off it, in the file or as samples come: twenty counts in the time of nineteen."""

@@ -84,7 +84,7 @@ def say_ended(request: ScanRequest, ending: ScanEnding) -> None:
 def _tell_taken(taken: Taken) -> None:
     """What was taken of what was planned, in which time; of a film until it is stopped, its frames."""
     prepared, ending, points = taken.prepared, taken.ending, taken.points
-    plan, forecast_s = prepared.request.plan, prepared.choice.forecast.total_s
+    plan, forecast_s = prepared.request.plan, ending.expected_s or prepared.choice.forecast.total_s
     planned, why = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
     predicted_s: float | None = forecast_s
     said = f"{points} of {'at most ' if plan.budget is not None else ''}{planned} points"
