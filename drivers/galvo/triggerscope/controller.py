@@ -62,6 +62,12 @@ class Controller:
             _spoil(line)
             replies = [_says(line) for _ in range(2)]
             identity = wire.decode_identity(replies[0])
+            if replies[0] == replies[1] and identity is None and replies[0].startswith(b"ARC TRIGGERSCOPE"):
+                raise WrongDevice(
+                    DEVICE,
+                    f"{port} says {replies[0][:60]!r}, firmware that this driver does not drive.",
+                    "Load the TriggerScope-MM firmware (v.612 or newer) of board V4 or V4B.",
+                )
             if identity is None or replies[0] != replies[1]:
                 raise WrongDevice(
                     DEVICE,
@@ -81,7 +87,7 @@ class Controller:
         """Sends a command and returns when its echo confirms it. Raises `CommandRejected`, `DeviceReset`,
         `RangeChanged`, `ProtocolError`, `DeviceTimeout`, `DeviceLost`."""
         reply = self._ask(command)
-        if reply != wire.echo(command):
+        if reply != wire.echo(command) and (command, reply) != (wire.LEDS_OFF, wire.UNKNOWN):
             raise self._wrong(command, reply)
 
     def upload(self, lines: Iterable[tuple[bytes, bytes]]) -> bool:
@@ -129,7 +135,7 @@ class Controller:
 
     def _ask(self, command: bytes) -> bytes:
         reply = self._line.exchange(command)
-        if reply.startswith((b"!ERROR_", b"ERROR_UNKNOWN_COMMAND")):
+        if reply.startswith((b"!ERROR_", wire.UNKNOWN)) and command != wire.LEDS_OFF:
             raise CommandRejected(DEVICE, f"{command[:40]!r} was refused: {reply.decode('ascii')}.", REOPEN)
         if reply == b"done." or wire.decode_identity(reply):
             self._line.in_step = False

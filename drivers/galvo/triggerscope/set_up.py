@@ -14,7 +14,7 @@ def set_up(dacs: Sequence[int], shutter_group: int | None) -> list[bytes]:
     """Every command, in order. The mirror swings towards -10 V for a round trip while the ranges are set."""
     return [
         *([] if shutter_group is None else dark(shutter_group)),
-        b"SSL0\n",  # the signal LEDs cost time in the controller's loop
+        wire.LEDS_OFF,  # they cost time in the controller's loop
         *(wire.clear_states(dac) for dac in dacs),
         *dark(0),
         *ranges(dacs),

@@ -13,6 +13,9 @@ IDENTIFY = b"*\n"
 SPOIL = b"99999999999\n"
 """Ends half a line that another program left behind, as a number beyond every argument's range or as a line of a wrong
 length, so that it is refused and not carried out; by itself it is an unknown command."""
+UNKNOWN = b"ERROR_UNKNOWN_COMMAND"
+LEDS_OFF = b"SSL0\n"
+"""The signal LEDs no longer show what the outputs do. Firmware before v.613 does not know it."""
 RANGE = 4  # +-10 V
 CENTRE = 32767  # what the controller itself sets as mid-scale; half a code, 0.15 mV, below 0 V
 CODES = 65536

@@ -64,6 +64,24 @@ def test_it_opens_by_asking_who_answers_and_centring(talk: Callable[..., Trigger
     assert (identity.vendor, identity.product, identity.firmware) == ("ARC", "TriggerScope 16 R4 Board 4B", "v.620-MM")
 
 
+def test_firmware_that_does_not_know_the_signal_leds_is_set_up_all_the_same(talk: Callable[..., TriggerScope]) -> None:
+    """V.612-MM, which the vendor has owners of boards V4 load; a refusal of anything else is none of that."""
+    unknown = (b"SSL0\n", b"ERROR_UNKNOWN_COMMAND\r\n")
+    talk(*IDENTIFY, unknown, *SET_UP[1:])
+    with pytest.raises(CommandRejected, match="PAC1"):
+        talk(*IDENTIFY, unknown, (b"PAC1\n", b"ERROR_UNKNOWN_COMMAND\r\n"))
+
+
+@pytest.mark.parametrize(
+    "other", [b"ARC TRIGGERSCOPE 16 R3C v.605-MM", b"ARC TRIGGERSCOPE 16 R4 BOARD 4v.612F - Experimental Wave Function"]
+)
+def test_a_triggerscope_with_other_firmware_is_told_as_that(talk: Callable[..., TriggerScope], other: bytes) -> None:
+    """The port is right: it is a board V3, or one that plays waves."""
+    said = (b"*\n", other + b"\r\n")
+    with pytest.raises(WrongDevice, match=r"does not drive\. .*firmware.* V4 or V4B"):
+        talk(SPOIL, said, said, banner=b"")
+
+
 def test_a_shutter_output_is_closed_before_anything_else(talk: Callable[..., TriggerScope]) -> None:
     mirror = talk(*IDENTIFY, *DARK, *SET_UP, *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
     mirror.set_shutter_line(True)

@@ -91,7 +91,8 @@ def programs(checkout: Callable[..., Path], compiled: Callable[..., Path], tmp_p
     """programs(name, *flags): the compiled sketch and its TTL outputs, (kind of pin, its number) -> output from 1."""
 
     def build(name: str, *flags: str) -> tuple[Path, dict[tuple[str, int], int]]:
-        folder = checkout("TriggerScopeMM", f"src/{name}")
+        # `..MM`: from the vendor's own repository, older than those of Micro-Manager's.
+        folder = checkout("TriggerScopeARC", name) if name.endswith("MM") else checkout("TriggerScopeMM", f"src/{name}")
         source = folder / f"{name}.ino"
         text = source.read_text(encoding="utf-8", errors="replace")
         # What the Arduino builder does with a sketch: a prototype of each function before its first line.
@@ -103,7 +104,8 @@ def programs(checkout: Callable[..., Path], compiled: Callable[..., Path], tmp_p
         expander = [each for each in [folder / "Adafruit_MCP23017.cpp"] if each.exists()]
         program = compiled(
             f"{name}{'-'.join(flags)}", [CORE / "core.cpp", source, *expander],
-            [*flags, "-include", prototypes, "-I", folder], before=FLAGS,
+            [*flags, "-include", prototypes, "-I", folder, "-I", checkout("TriggerScopeMM", "src/TriggerScope_V3")],
+            before=FLAGS,
         )  # fmt: skip
         pins = re.search(r"const byte ttl\[NR_DACS\] = \{([^}]*)\}", text)
         assert pins is not None

@@ -14,7 +14,9 @@ from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVER
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
 from tests.drivers.output_watch import OutputWatch
 
-BOARDS = {"TriggerScope_V4B": V4B, "TriggerScope_V4": V4}
+BOARDS = {"TriggerScope_V4B": V4B, "TriggerScope_V4": V4, "TriggerScope_620MM": V4B, "TriggerScope_612MM": V4}
+ON_FALLING_EDGES = {"opens_on_falling_edges", "axes_step_on_falling_edges"}
+"""What v.612 does otherwise than the simulated controller: it puts out nothing as such stepping begins."""
 SHUTTER = 9
 LIMIT_DEG = 10.0
 ROUND_TRIP_S = 0.001
@@ -84,7 +86,8 @@ def test_from_open_to_close_dark_and_within_limits_and_every_code_and_pin_as_sim
         assert watch.left_limits_lit == 0
         assert watch.longest_s <= 1.5 * ROUND_TRIP_S
     assert len(watches[0].events) > 100
-    assert watches[1].events == watches[0].events
+    if name != "TriggerScope_612MM" or state not in ON_FALLING_EDGES:
+        assert watches[1].events == watches[0].events
 
 
 def test_without_its_card_it_confirms_everything_and_puts_nothing_out(

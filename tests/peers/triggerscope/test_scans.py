@@ -19,7 +19,7 @@ from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.triggerscope.firmware import V4, V4B, TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
-BOARDS = {"TriggerScope_V4B": V4B, "TriggerScope_V4": V4}
+BOARDS = {"TriggerScope_V4B": V4B, "TriggerScope_V4": V4, "TriggerScope_620MM": V4B, "TriggerScope_612MM": V4}
 BENCHES = {
     Scheme.STEPPED: ("simulated", {"counter": {"markers": False}}),
     Scheme.CLOCKED: ("simulated", {}),

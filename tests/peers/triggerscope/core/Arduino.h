@@ -11,6 +11,7 @@ typedef uint8_t byte;
 typedef bool boolean;
 enum { LOW = 0, HIGH = 1, INPUT = 0, OUTPUT = 1, SS = 10, MSBFIRST = 1, SPI_MODE0 = 0, FILE_WRITE = 1 };
 enum { BUILTIN_SDCARD = 254, FALLING = 2, RISING = 3, CHANGE = 4 };
+enum { A0 = 14, A1, A2, A3, A4 };
 #define ARDUINO 10819
 #define bitSet(value, bit) ((value) |= (1UL << (bit)))
 #define bitClear(value, bit) ((value) &= ~(1UL << (bit)))
