@@ -66,7 +66,7 @@ class Controller:
                 raise WrongDevice(
                     DEVICE,
                     f"{port} says {replies[0][:60]!r}, firmware that this driver does not drive.",
-                    "Load the TriggerScope-MM firmware (v.612 or newer) of board V4 or V4B.",
+                    "Load TriggerScope-MM firmware, v.612 or newer, onto a board V4 or V4B; no other board is driven.",
                 )
             if identity is None or replies[0] != replies[1]:
                 raise WrongDevice(
@@ -87,7 +87,7 @@ class Controller:
         """Sends a command and returns when its echo confirms it. Raises `CommandRejected`, `DeviceReset`,
         `RangeChanged`, `ProtocolError`, `DeviceTimeout`, `DeviceLost`."""
         reply = self._ask(command)
-        if reply != wire.echo(command) and (command, reply) != (wire.LEDS_OFF, wire.UNKNOWN):
+        if reply != wire.echo(command) and not _need_not_be_known(command, reply):
             raise self._wrong(command, reply)
 
     def upload(self, lines: Iterable[tuple[bytes, bytes]]) -> bool:
@@ -135,7 +135,7 @@ class Controller:
 
     def _ask(self, command: bytes) -> bytes:
         reply = self._line.exchange(command)
-        if reply.startswith((b"!ERROR_", wire.UNKNOWN)) and command != wire.LEDS_OFF:
+        if reply.startswith((b"!ERROR_", wire.UNKNOWN)) and not _need_not_be_known(command, reply):
             raise CommandRejected(DEVICE, f"{command[:40]!r} was refused: {reply.decode('ascii')}.", REOPEN)
         if reply == b"done." or wire.decode_identity(reply):
             self._line.in_step = False
@@ -160,6 +160,11 @@ def _say_unheard(line: SerialLine, commands: Iterable[bytes]) -> None:
         with contextlib.suppress(DeviceTimeout):
             line.write(command)
             line.drain()
+
+
+def _need_not_be_known(command: bytes, reply: bytes) -> bool:
+    """Whether this refusal says that the firmware has nothing of what the command switches off."""
+    return reply == wire.UNKNOWN and command.startswith((wire.LEDS_OFF, b"WAV"))
 
 
 def _names_itself(line: bytes) -> bool:

@@ -192,7 +192,8 @@ class TriggerScope(TimedMirror):
 
     def _set_up(self) -> None:
         pin = self._settings.shutter_pin
-        self._send(set_up(self._dacs, None if pin is None else _group_of(pin)))
+        waves = wire.plays_waves(self.identity.firmware)
+        self._send(set_up(self._dacs, None if pin is None else _group_of(pin), waves))
         self._armed, self._ranges_set = False, True
         self._arrive_at_centre()
 

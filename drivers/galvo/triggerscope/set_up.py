@@ -10,11 +10,13 @@ from collections.abc import Sequence
 from nlos.drivers.galvo.triggerscope import wire
 
 
-def set_up(dacs: Sequence[int], shutter_group: int | None) -> list[bytes]:
-    """Every command, in order. The mirror swings towards -10 V for a round trip while the ranges are set."""
+def set_up(dacs: Sequence[int], shutter_group: int | None, waves: bool = False) -> list[bytes]:
+    """Every command, in order. The mirror swings towards -10 V for a round trip while the ranges are set. `waves`: the
+    firmware may play a wave that was left behind in place of a table, and clearing the table does not end that."""
     return [
         *([] if shutter_group is None else dark(shutter_group)),
         wire.LEDS_OFF,  # they cost time in the controller's loop
+        *(wire.no_wave(dac) for dac in dacs if waves),
         *(wire.clear_states(dac) for dac in dacs),
         *dark(0),
         *ranges(dacs),

@@ -16,6 +16,8 @@ length, so that it is refused and not carried out; by itself it is an unknown co
 UNKNOWN = b"ERROR_UNKNOWN_COMMAND"
 LEDS_OFF = b"SSL0\n"
 """The signal LEDs no longer show what the outputs do. Firmware before v.613 does not know it."""
+PLAYS_WAVES = 621
+"""The first version of the firmware of which there are some whose DACs play a wave in place of their table."""
 RANGE = 4  # +-10 V
 CENTRE = 32767  # what the controller itself sets as mid-scale; half a code, 0.15 mV, below 0 V
 CODES = 65536
@@ -63,6 +65,17 @@ def ask_states(dac: int) -> bytes:
 def clear_states(dac: int) -> bytes:
     """`PACn`: forgets the table of a DAC and stops stepping it."""
     return b"PAC%d\n" % dac
+
+
+def no_wave(dac: int) -> bytes:
+    """`WAVn-a-o-u-d`: what a DAC plays at each edge in place of its table, an amplitude of 0 being none."""
+    return b"WAV%d-0-0-1-0\n" % dac
+
+
+def plays_waves(firmware: str) -> bool:
+    """Whether firmware of this version may know `WAV`."""
+    number = re.match(r"v\.(\d+)", firmware)
+    return number is None or int(number[1]) >= PLAYS_WAVES
 
 
 def step_states(dac: int, on: bool) -> bytes:

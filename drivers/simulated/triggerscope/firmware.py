@@ -1,4 +1,4 @@
-"""A TriggerScope-MM's firmware (V4B v.620-MM, or V4 v.613-MM by its name), traps included.
+"""A TriggerScope-MM's firmware (V4B v.620-MM, V4 v.613-MM or V4B v.622-MM by its name), traps included.
 
 Written from the behaviour of the vendor's published sketches, independently of the driver, and compared with the
 compiled ones by `make peers`: commands arriving together are parsed as one, malformed ones are often carried out, a
@@ -19,6 +19,7 @@ from nlos.drivers.simulated.triggerscope.wiring import DACS, Wiring
 V4B = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM"
 V4 = b"ARC TRIGGERSCOPE 16 R3C Board 4 v.613-MM"
 """Its firmware switches a light off, before each command, by a pin that is TTL output 6 on this board."""
+WAVES = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.622-MM"
 _REPLY_BUFFER = 20  # bytes, the NUL included, for the reply to PAO and PDO
 _CLEAR_LINE = 25  # bytes of a CLEAR_DAC that fit its buffer
 _HELP = (b"*", b"?", b"SAR<n>-<r>", b"SAO<n>-<v>", b"PAO<n>-<s>-<v>...", b"PAS<n>-<s>-<t>", b"SDO<g>-<m>", b"")
@@ -53,6 +54,8 @@ class TriggerScopeFirmware:
             b"BDO": self._blank_masks,
             b"SSL": self._signal_leds,
         }
+        if board == WAVES:
+            self._act[b"WAV"] = self._set_wave
         self._power_up()
         self._trigger = TriggerInput(bench, self._follow)
 
@@ -174,6 +177,11 @@ class TriggerScopeFirmware:
         self._dacs[dac].value = code
         self._dacs[dac].show(self._trigger.level)
         return b"%d-%d" % (dac, code)
+
+    def _set_wave(self, line: Line) -> bytes | None:
+        dac, amplitude, offset, updates, delay = (integer(word) for word in line.part(3).split(b"-"))
+        self._dacs[dac].wave = (offset, amplitude) if amplitude else None
+        return b"%d-%d-%d-%d-%d" % (dac, amplitude, offset, updates, delay)
 
     def _capacity(self, line: Line, outputs: range) -> bytes | None:
         number = line.byte(3)

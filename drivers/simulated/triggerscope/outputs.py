@@ -21,6 +21,8 @@ class Output:
     table: list[int] = field(default_factory=lambda: [0] * STATES)
     length: int = 0
     index: int = 0
+    wave: tuple[int, int] | None = None
+    """(offset, amplitude) of what an edge plays in place of the table."""
 
     def show(self, level: bool) -> None:
         """Puts out its value, or 0 while the trigger level blanks it."""
@@ -51,8 +53,12 @@ class Output:
         self.value = self.before_stepping
 
     def follow(self, level: bool) -> None:
-        """The trigger input changed."""
-        if self.stepping and self.steps_at == level:
+        """The trigger input changed. Of a wave its crest and its end are put out."""
+        if self.stepping and self.wave is not None:
+            if self.steps_at == level:
+                self.put_out(min(sum(self.wave), self.most))
+                self.put_out(self.wave[0])
+        elif self.stepping and self.steps_at == level:
             self.value = self.next_state()
             if self.index == self.length:
                 self.index = 0

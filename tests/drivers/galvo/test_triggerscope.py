@@ -72,13 +72,25 @@ def test_firmware_that_does_not_know_the_signal_leds_is_set_up_all_the_same(talk
         talk(*IDENTIFY, unknown, (b"PAC1\n", b"ERROR_UNKNOWN_COMMAND\r\n"))
 
 
+@pytest.mark.parametrize("reply", [b"!WAV%d-0-0-1-0\r\n", b"ERROR_UNKNOWN_COMMAND\r\n"], ids=["known", "unknown"])
+def test_waves_are_forgotten_where_the_firmware_may_play_them(talk: Callable[..., TriggerScope], reply: bytes) -> None:
+    banner = BANNER.replace(b"v.620", b"v.622")
+    none = [(b"WAV%d-0-0-1-0\n" % dac, reply % dac if b"%d" in reply else reply) for dac in (1, 2)]
+    talk(SPOIL, (b"*\n", banner), (b"*\n", banner), SET_UP[0], *none, *SET_UP[1:], banner=banner)
+
+
 @pytest.mark.parametrize(
-    "other", [b"ARC TRIGGERSCOPE 16 R3C v.605-MM", b"ARC TRIGGERSCOPE 16 R4 BOARD 4v.612F - Experimental Wave Function"]
+    "other",
+    [
+        b"ARC TRIGGERSCOPE 16 R3C v.605-MM",
+        b"ARC TRIGGERSCOPE MINI v.100-MM",
+        b"ARC TRIGGERSCOPE 16 R4 BOARD 4v.612F - Experimental Wave Function",
+    ],
 )
 def test_a_triggerscope_with_other_firmware_is_told_as_that(talk: Callable[..., TriggerScope], other: bytes) -> None:
-    """The port is right: it is a board V3, or one that plays waves."""
+    """The port is right: it is a board V3, a Mini with 5 V and 12 bits, or one that plays waves."""
     said = (b"*\n", other + b"\r\n")
-    with pytest.raises(WrongDevice, match=r"does not drive\. .*firmware.* V4 or V4B"):
+    with pytest.raises(WrongDevice, match=r"does not drive\. Load .* V4 or V4B"):
         talk(SPOIL, said, said, banner=b"")
 
 

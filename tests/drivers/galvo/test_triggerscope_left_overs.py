@@ -18,7 +18,7 @@ from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSet
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
-from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.triggerscope.firmware import V4B, WAVES, TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
 from tests.drivers.output_watch import OutputWatch
@@ -44,10 +44,10 @@ class Lab:
 
 @pytest.fixture
 def lab(dark_bench: Callable[..., SimulatedBench]) -> Callable[..., Lab]:
-    def make(*faults: Fault) -> Lab:
+    def make(*faults: Fault, board: bytes = V4B) -> Lab:
         bench = dark_bench(*faults)
         wiring = Wiring(bench, shutter_pin=SHUTTER)
-        firmware = TriggerScopeFirmware(bench, wiring)
+        firmware = TriggerScopeFirmware(bench, wiring, board=board)
         unplug("left")
         plug("left", firmware, bench, ROUND_TRIP_S)
         return Lab(bench, firmware, OutputWatch(wiring, SHUTTER, LIMIT_DEG * 0.5 * 1.001))
@@ -188,3 +188,15 @@ def test_a_program_killed_while_it_scans_is_followed_by_one_that_finds_it_dark(
         mirror.park()
         mirror.close()
         assert pins == [(SHUTTER, 0)]
+
+
+def test_a_wave_that_was_left_behind_is_not_played_in_place_of_the_points(lab: Callable[..., Lab]) -> None:
+    """V.622-MM forgets it with no other command: its markers would count on while the beam swings to full scale."""
+    this = lab(board=WAVES)
+    for dac in (b"1", b"2"):
+        this.firmware.receive(b"WAV%b-32767-32767-180-0\n" % dac, this.bench.clock.now())
+    mirror = open_mirror(this)
+    begin_scan(this, mirror, len(PATH))
+    end_scan(this, mirror)
+    assert this.watch.left_limits_lit == 0
+    mirror.close()
