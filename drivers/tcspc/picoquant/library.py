@@ -188,13 +188,20 @@ def open_instrument(library: VendorLibrary, serial: str) -> str:
         elif code != -1:
             codes.append(code)
     chosen = [index for index, found in answering.items() if serial in ("auto", found)]
+    unsure = bool(codes) and serial == "auto"  # what is in use may be the one that is meant
     for index in answering:
-        if [index] != chosen:
+        if [index] != chosen or unsure:
             library.attempt("CloseDevice", index)
-    if len(chosen) == 1:
+    if len(chosen) == 1 and not unsure:
         library.index = chosen[0]
         return answering[chosen[0]]
     product, others = library.family.product, ", ".join(answering.values())
+    if codes and answering:
+        error = library.error("OpenDevice", codes[0])
+        error.say(
+            f"{product} {others} answers, another does not: {error.what}", f"Or name one as `serial`. {error.remedy}"
+        )
+        raise error
     if chosen:
         raise DeviceNotFound(library.device, f"{len(chosen)} of {product} answer: {others}.", "Name one as `serial`.")
     if codes and not answering:

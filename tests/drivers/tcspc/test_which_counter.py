@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from nlos.drivers.clock import VirtualClock
-from nlos.drivers.errors import DeviceNotFound, WrongDevice
+from nlos.drivers.errors import DeviceBusy, DeviceNotFound, WrongDevice
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.tcspc.counter import HistogramAxis
@@ -27,6 +27,8 @@ class Shelf:
     def __init__(self, bench: SimulatedBench, *serials: str, **other: float) -> None:
         self.all = [PicoquantLibrary(bench, "multiharp150", 10e6, serial=each) for each in serials]
         self.open: set[int] = set()
+        self.busy: set[int] = set()
+        """Other programs have these open."""
         self._other = other
 
     def __getattr__(self, name: str) -> Callable[..., int]:
@@ -36,6 +38,8 @@ class Shelf:
             index, *rest = arguments
             if index >= len(self.all):
                 return -1
+            if index in self.busy and name == "MH_OpenDevice":
+                return -2
             code = int(getattr(self.all[index], name)(0, *rest))
             if name == "MH_OpenDevice":
                 self.open.add(index)
@@ -71,6 +75,19 @@ def test_of_two_multiharps_none_is_chosen_unless_one_is_named(dark_bench: Callab
     with pytest.raises(DeviceNotFound, match=r"with serial number 7 answers \(there is 1050001, 1050002\)"):
         open_picoquant(block(serial="7"), bench.clock, shelf)
     assert not shelf.open
+
+
+def test_where_one_of_two_multiharps_is_in_use_the_other_is_not_taken_for_it(
+    dark_bench: Callable[..., SimulatedBench],
+) -> None:
+    """Whether the vendor's program holds the one that is meant, nobody can tell."""
+    shelf = Shelf(bench := dark_bench(), "1050001", "1050002")
+    shelf.busy = {0}
+    for serial in ("auto", "1050001"):
+        with pytest.raises(DeviceBusy, match=r"1050002 answers, another does not: .*BUSY.*name one as `serial`.*Close"):
+            open_picoquant(block(serial=serial), bench.clock, shelf)
+        assert not shelf.open
+    assert open_picoquant(block(serial="1050002"), bench.clock, shelf).identity.serial == "1050002"
 
 
 @pytest.mark.parametrize(
