@@ -198,9 +198,8 @@ def open_instrument(library: VendorLibrary, serial: str) -> str:
     product, others = library.family.product, ", ".join(answering.values())
     if codes and answering:
         error = library.error("OpenDevice", codes[0])
-        error.say(
-            f"{product} {others} answers, another does not: {error.what}", f"Or name one as `serial`. {error.remedy}"
-        )
+        what = f"{product} {others} answers, another does not: {error.what}"
+        error.say(what, f"{error.remedy} Or name one that answers as `serial`.")
         raise error
     if chosen:
         raise DeviceNotFound(library.device, f"{len(chosen)} of {product} answer: {others}.", "Name one as `serial`.")
