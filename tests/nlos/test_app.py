@@ -13,6 +13,7 @@ import pytest
 from nlos.__main__ import report, run
 from nlos.cli.app import VERBS, load_verb
 from nlos.cli.exit_codes import exit_code
+from nlos.cli.terminal import take_global_options, terminal
 
 
 def nlos(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -58,6 +59,19 @@ def test_usage_errors_exit_with_2_and_say_so_in_json() -> None:
     assert json.loads(done.stdout)["error"]["exit_code"] == 2
     done = nlos("reconstruct", "--json")
     assert json.loads(done.stdout)["error"]["exit_code"] == 2
+
+
+def test_verbosity_may_be_given_in_one_word() -> None:
+    for word, expected in (("-vv", 2), ("-qq", -2), ("-qvv", 1), ("-q", -1)):
+        assert take_global_options(["scan", word, "-o", "x"]) == (["scan", "-o", "x"], False)
+        assert terminal.verbosity == expected
+    terminal.begin()
+
+
+def test_an_option_that_point_does_not_know_is_no_number() -> None:
+    done = nlos("point", "--lihgt", "1", "0.1")
+    assert done.returncode == 2
+    assert "no such option: --lihgt" in done.stderr
 
 
 def test_what_was_not_installed_is_named_with_the_extra_that_brings_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,11 +24,21 @@ PORT = typer.Option(min=0, max=65535, help="The page's port; 0 picks a free one.
 ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light off, or the beam safe.")
 
 
+def _place(word: str) -> float:
+    """A number; whatever begins with `-` comes here, also an option that does not exist."""
+    try:
+        return float(word)
+    except ValueError:
+        wrong = "no such option" if word.startswith("-") else "a number is expected"
+        raise typer.BadParameter(f"{wrong}: {word}") from None
+
+
+X_HELP = "Right of the wall's centre, metres; -0.2 is written as it is."
+
+
 def point(
-    x: Annotated[
-        float, typer.Argument(metavar="X_M", help="Right of the wall's centre, metres; -0.2 is written as it is.")
-    ],
-    y: Annotated[float, typer.Argument(metavar="Y_M", help="Above it.")],
+    x: Annotated[float, typer.Argument(metavar="X_M", parser=_place, help=X_HELP)],
+    y: Annotated[float, typer.Argument(metavar="Y_M", parser=_place, help="Above it.")],
     bench: BenchWord = None,
     deg: Annotated[bool, typer.Option("--deg", help="X and Y are optical mirror angles in degrees.")] = False,
     light: Annotated[float | None, LIGHT] = None,

@@ -142,10 +142,12 @@ def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
         match word:
             case "--json":
                 terminal.as_json = True
-            case "-v" | "--verbose":
+            case "--verbose":
                 terminal.verbosity += 1
-            case "-q" | "--quiet":
+            case "--quiet":
                 terminal.verbosity -= 1
+            case _ if len(word) > 1 and word[0] == "-" and not word[1:].strip("qv"):  # also -vv
+                terminal.verbosity += word.count("v") - word.count("q")
             case "-V" | "--version":
                 version = True
             case "--wire-log":
