@@ -66,9 +66,9 @@ def depths(words: str | None) -> tuple[float, float] | None:
 
 
 def _sides(words: str) -> tuple[float, float]:
-    width, _, height = words.lower().partition("x")
+    width, cross, height = words.lower().partition("x")
     try:
-        sides = float(width), float(height or width)
+        sides = float(width), float(height if cross else width)
     except ValueError:
         sides = 0.0, 0.0
     if not all(0.001 <= side <= 100 for side in sides):
