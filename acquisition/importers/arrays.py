@@ -219,10 +219,12 @@ def _centred(free: FreePoints) -> tuple[FreePoints, list[str]]:
 
 
 def _direct_cut(stored: StoredArrays, bins: int) -> int:
-    cut = int(_number(stored, "direct_cut_bins", 0))
+    cut = _number(stored, "direct_cut_bins", 0.0)
     if not 0 <= cut < bins:
-        raise InvalidData(f"{stored.name}: direct_cut_bins is {cut}, but histograms have {bins} bins")
-    return cut
+        raise InvalidData(f"{stored.name}: direct_cut_bins is {cut:g}, but histograms have {bins} bins")
+    if not cut.is_integer():
+        raise InvalidData(f"{stored.name}: direct_cut_bins is {cut:g}; whole bins are cut")
+    return int(cut)
 
 
 def _falloff(stored: StoredArrays) -> int | None:

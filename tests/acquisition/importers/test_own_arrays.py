@@ -163,6 +163,7 @@ def test_keys_that_cannot_be_read_without_trust_are_named_too(tmp_path: Path) ->
         ({"x_m": X_M[:-1], "y_m": Y_M}, "5 positions for 6 columns"),
         ({"time_offset_bins": np.ones((2, 2))}, "time_offset_bins"),
         ({"direct_cut_bins": BINS}, "direct_cut_bins is 96"),
+        ({"direct_cut_bins": 2.5}, "direct_cut_bins is 2.5; whole bins are cut"),
         ({"falloff_exponent_authors": 3}, "2 or 4"),
         ({"wall_size_m": -1.0}, "wall_size_m"),
         ({"bin_width_s": 32.0}, "expected 1e-13 to 1e-6"),
