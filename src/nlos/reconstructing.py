@@ -29,7 +29,7 @@ ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 @own_arithmetic()
 def reconstruct(
     scan: Scan | Transient | str | Path | npt.ArrayLike,
-    method: str | None = None,
+    method: str | Path | None = None,
     *,
     weights: str | Path | None = None,
     wall: Size | None = None,
@@ -53,21 +53,22 @@ def reconstruct(
     `--depth-m`. `rectified`: whether time 0 is the wall and direct light is gone, which is assumed of arrays unless
     said; if not, both are found in the histograms. It goes before what a file or a `Scan` says. `response`: what the
     instrument makes of an instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or (curve,
-    bin width in seconds); `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or a
-    name of those that ship) say another: they bring method and architecture. Other keywords are settings of the method:
-    `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
-    `nlos.recon.errors`, and what `nlos.load` raises.
+    bin width in seconds); `picture.response` says which was taken. `method` (a name, or a file of your own) is `lct`,
+    unless `weights` (a file, or a name of those that ship) say another: they bring method and architecture. Other
+    keywords are settings of the method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and
+    `ReconstructionFailed` of `nlos.recon.errors`, and what `nlos.load` raises.
     """
     check_device(device)
     said, limits_m = whether_rectified(rectified), _limits(depth_m)
     if isinstance(scan, str | Path):
         scan = load(scan, wall=wall, bin_width=bin_width, axes=axes, rectified=said)
         wall = bin_width = axes = None
-    name, chosen = method or "lct", settings
+    word, chosen = _word(method), settings
+    name = word or "lct"
     if weights is not None:
         from nlos.recon.weights.described import use_weights
 
-        name, chosen = use_weights(weights, method, settings)
+        name, chosen = use_weights(weights, word, settings)
     place = None if constants is None else Path(constants)
     recipe = Recipe(name, chosen, place, response_wanted(response), device).limited_to(limits_m)
     of_arrays: dict[str, object] = {
@@ -89,6 +90,15 @@ def reconstruct(
         )
         made = reconstruct_scan(loaded, recipe)
     return Picture(made if limits_m is None else within_depths(made, *limits_m))
+
+
+def _word(method: object) -> str | None:
+    """The name of a method, or of its file. Raises `InvalidSettings`."""
+    if method is None or isinstance(method, str):
+        return method
+    if isinstance(method, Path):
+        return str(method)
+    raise InvalidSettings(f"method: a name is expected, as 'nano', or a file, './mine.py' (given {method!r:.60})")
 
 
 def _refuse(given: Mapping[str, object], why: str) -> None:

@@ -195,6 +195,14 @@ def plain_file(folder: Path) -> Path:
     return path
 
 
+def test_a_method_is_named_by_a_word_or_a_file(tmp_path: Path) -> None:
+    counts = np.random.default_rng(0).poisson(1.0, (4, 4, 64))
+    with pytest.raises(InvalidSettings, match="method: a name is expected"):
+        nlos.reconstruct(counts, wall=1.0, bin_width=64e-12, method=nlos.methods()["lct"])  # type: ignore[arg-type]
+    with pytest.raises(InvalidSettings, match=r"nowhere\.py"):
+        nlos.reconstruct(counts, wall=1.0, bin_width=64e-12, method=tmp_path / "nowhere.py")
+
+
 def test_a_file_loads_as_arrays_and_prints_shortly(tmp_path: Path) -> None:
     scan = nlos.load(plain_file(tmp_path))
     np.testing.assert_array_equal(scan.counts, point_scene())
