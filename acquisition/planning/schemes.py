@@ -12,7 +12,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of
 from nlos.acquisition.planning.timing import Forecast, Links, clocked_forecast, links_of, moves_s, stepped_forecast
 from nlos.acquisition.scanning.lag import Lag
-from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
+from nlos.acquisition.scanning.lag_trial import LEAST, MOST, USUAL, first_guess_s, trial
 from nlos.acquisition.scanning.sweeping import LineRefused, Lines, sweep
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
@@ -150,7 +150,9 @@ def _swept_forecast(
     lines.lag_s = first_guess_s(lines, bench.mirror.settle_s)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     before = trial(plan, lines, bench.mirror.settle_s, most, bench.counter.list_mode, 0).made
-    return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines), [before] * USUAL)
+    usual = clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines), [before] * USUAL)
+    each_s = before.duration_s + links.sequence_s
+    return replace(usual, sooner_s=(USUAL - LEAST) * each_s, later_s=(MOST - USUAL) * each_s)
 
 
 def continuous_lines(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], aim: Aiming | None = None) -> Lines:

@@ -84,7 +84,8 @@ def exchanges_s(bench: Bench) -> tuple[float, float]:
 class Forecast:
     """Predicted duration by parts, and how far off it may be. Where points stop at N counts or a second pass takes only
     what fell short, the light decides, and of a film until it is stopped a person: then the parts are the most it can
-    be, and `certain` the share that is sure."""
+    be, and `certain` the share that is sure. Where something is measured first until it is known well enough, the parts
+    hold it as it usually is, and it may end `sooner_s` or `later_s`."""
 
     dwell_s: float
     settle_s: float
@@ -92,6 +93,8 @@ class Forecast:
     upload_s: float
     margin: float
     certain: float = 1.0
+    sooner_s: float = 0.0
+    later_s: float = 0.0
 
     @property
     def total_s(self) -> float:
@@ -101,8 +104,8 @@ class Forecast:
     def band_s(self) -> tuple[float, float]:
         """Shortest and longest: beyond the certain dwell, the parts may be off by `margin` of the whole."""
         slack_s = self.margin * self.total_s
-        least_s = self.certain * (self.total_s - slack_s)
-        return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s
+        least_s = self.certain * (self.total_s - slack_s) - self.sooner_s
+        return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s + self.later_s
 
     def extended(self, twice: "Forecast", times: float) -> "Forecast":
         """Of a plan `times` as long, whose second part, to which `twice` goes, is as all of its later ones are."""

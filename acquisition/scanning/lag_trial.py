@@ -27,7 +27,8 @@ from nlos.drivers.tcspc.counter import WAITING_NUMBER, HistogramFlag
 
 USUAL = 5
 """How many sequences a measurement usually takes: what a forecast counts."""
-MOST = 16
+LEAST, MOST = 2, 16
+"""How many it takes at least, and at most."""
 HOPELESS_AFTER = 3
 """So many sequences on, no light at all, or a lag that surely grows along a line, ends a measurement."""
 ATTEMPTS = 3

@@ -198,6 +198,20 @@ def test_lines_are_swept_where_that_is_faster_and_the_plan_allows_it(bright: Ben
         assert known.total_s < expected.total_s
 
 
+def test_in_little_light_the_lag_takes_longer_to_measure_and_the_forecast_says_by_how_much(
+    bright: Benches, small_plan: Plans
+) -> None:
+    wall = {"width_m": 1.0, "height_m": 1.0, "rows": 4, "cols": 64}
+    plan = fast_plan(small_plan, wall=wall, dwell_ms=0.122)
+    with open_bench(bright(name="simulated", direct_cps=40e3)) as bench:
+        expected = forecast(Scheme.SWEPT, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        started_s = bench.clock.now()
+        assert len(list(scan(plan, bench, scheme=Scheme.SWEPT))) == len(plan)
+        took_s = bench.clock.now() - started_s
+    low_s, high_s = expected.band_s
+    assert low_s < expected.total_s * 1.05 < took_s < high_s
+
+
 def test_photons_listed_one_by_one_are_swept_too(bright: Benches, small_plan: Plans) -> None:
     plan, settings = fast_plan(small_plan), bright()
     counter = settings.counter.model_copy(update={"mode": "t3"})
