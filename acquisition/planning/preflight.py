@@ -27,7 +27,7 @@ PILE_UP = 0.05
 LOOKS, LOOK_S = 16, 0.1
 DIRECT_HALF_WIDTH_S = 0.5e-9
 """Around the highest bin, what counts as the direct reflection."""
-HEADER_BYTES = 1 << 20
+HEADER_BYTES = 1 << 16
 
 
 def aim_of(bench: Bench) -> Aim:

@@ -14,7 +14,6 @@ from nlos.acquisition.planning import preflight
 from nlos.acquisition.planning.direct_light import DirectLight, expected_direct, window_warnings
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import (
-    HEADER_BYTES,
     ExpectedRates,
     check_disk,
     check_light,
@@ -38,7 +37,7 @@ def test_a_recording_is_as_large_as_was_said(run_path: Path, small_plan: Plans, 
     plan = small_plan(side, side, histogram={"bins": bins, "bin_width_ps": 16, "offset_ns": 10})
     with RecordingWriter.create(run_path, plan, Header().stamped()):
         pass
-    assert run_path.stat().st_size <= disk_bytes(plan) <= run_path.stat().st_size + 1.1 * HEADER_BYTES
+    assert run_path.stat().st_size <= disk_bytes(plan) <= run_path.stat().st_size + 100_000
 
 
 @pytest.mark.parametrize("there", [False, True])
