@@ -17,8 +17,8 @@ _WIDTHS = 6
 _LATEST_S = 1.2e-9
 """... as is what may be an object."""
 _SURFACE_S, _BRIGHT = 0.6e-9, 0.03
-"""From here on a surface 9 cm off may be as even; but so bright, as a share of the direct pulse, it is of no spot on
-the wall that is less than 4 cm wide."""
+"""From here on a surface 9 cm off may be as even; but as bright as this, beside what is left of the direct pulse, only
+where the spot on the wall is 4 cm wide or more."""
 _AS_SHARP = 2.5
 """Full widths of the direct pulse, within which it falls to its half at the latest."""
 _FAINTEST = 0.002

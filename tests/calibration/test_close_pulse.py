@@ -122,7 +122,7 @@ def test_a_second_pulse_is_masked_to_its_end_and_told_as_high_as_it_is(
     ("there", "none"),
     [
         ({"lag": 18, "bin_width_s": 64e-12}, {"lag": 20, "bin_width_s": 64e-12}),  # 1.2 ns, whatever its width
-        ({"lag": 18, "bin_width_s": 32e-12, "share": 0.02}, {"lag": 20, "bin_width_s": 32e-12, "share": 0.02}),
+        ({"lag": 18, "bin_width_s": 32e-12, "share": 0.01}, {"lag": 20, "bin_width_s": 32e-12, "share": 0.01}),
         ({"lag": 29, "bin_width_s": 10e-12}, {"lag": 32, "bin_width_s": 10e-12}),  # six widths
         ({"lag": 18, "wide": 3.0, "again": 14.0}, {"lag": 18, "wide": 3.0, "again": 16.0}),
         ({"lag": 20, "differ": 0.25}, {"lag": 20, "differ": 0.35}),
