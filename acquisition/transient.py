@@ -18,7 +18,8 @@ EXACT = 2.0**24
 
 def as_floats(counts: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     """Counts as contiguous floats: of 32 bits, or of 64 where those would round them."""
-    narrow = np.ascontiguousarray(counts, dtype=np.float32)
+    with np.errstate(over="ignore"):  # what is beyond them all is refused later
+        narrow = np.ascontiguousarray(counts, dtype=np.float32)
     rounded = float(narrow.max(initial=0)) >= EXACT and not np.array_equal(narrow, counts, equal_nan=True)
     return np.ascontiguousarray(counts, dtype=np.float64) if rounded else narrow
 

@@ -25,21 +25,21 @@ from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.float64]
 _T_SX_SY, _T_LX_LY_SX_SY, _T_SI = 1, 2, 3
-_KINDS = {4: "T_Li_Si"}
+_OTHERS = {4.0: "T_Li_Si"}
 
 
 def read_ytal(path: Path) -> ImportedScan:
     """Reads an HDF5_TAL capture on regular grids, or of a list of points. Raises `InvalidData` naming file, place and
     reason."""
     with open_hdf5(path) as file:
-        kind = int(needed_number(file, "H_format"))
+        kind = needed_number(file, "H_format")
         if kind not in (_T_SX_SY, _T_LX_LY_SX_SY, _T_SI):
             raise InvalidData(
-                f"{path}: H_format is {kind} ({_KINDS.get(kind, 'unknown')}); T_Sx_Sy (1) and T_Si (3) are read, "
+                f"{path}: H_format is {kind:g} ({_OTHERS.get(kind, 'unknown')}); T_Sx_Sy (1) and T_Si (3) are read, "
                 "confocal or of one laser point, and T_Lx_Ly_Sx_Sy (2). Write its points as a grid (X_Y_3), or the "
                 "pairs that were measured as a list."
             )
-        counts = read_array(needed_dataset(file, "H"), {_T_SX_SY: 3, _T_LX_LY_SX_SY: 5, _T_SI: 2}[kind])
+        counts = read_array(needed_dataset(file, "H"), {_T_SX_SY: 3, _T_LX_LY_SX_SY: 5, _T_SI: 2}[int(kind)])
         axes = 2 if kind == _T_SI else 3
         sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), axes).astype(np.float64)
         lasers = read_array(needed_dataset(file, "laser_grid_xyz"), axes).astype(np.float64)

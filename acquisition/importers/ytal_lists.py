@@ -59,6 +59,8 @@ def at_free_positions(path: Path, held: ListedPoints, ours: Mapping[str, object]
         first_m = np.full(count, held.start_m - late_m)
         for points, origin in zip((lasers, sensors), held.origins or (), strict=False):
             first_m -= np.linalg.norm(points - origin, axis=1)
+        if not np.isfinite(first_m).all():
+            raise InvalidData(f"{path}: laser_xyz or sensor_xyz is not finite, and times count from there")
         apart_m = np.where(apart_m < 1e-4, 0.0, apart_m)
         counts = np.stack(
             [moved_out(*each, held.delta_m) for each in zip(counts, apart_m.tolist(), first_m.tolist(), strict=True)]

@@ -75,6 +75,11 @@ def test_one_laser_point_is_taken_for_its_midpoints(tmp_path: Path) -> None:
         ({"sensor_grid_xyz": POINTS * np.nan}, "not finite"),
         ({"sensor_grid_xyz": POINTS + np.array([0.0, 0.0, 0.1])}, "not in one plane z = const.*laser_m and sensor_m"),
         ({"H": np.ones((4, 3, 4))}, "H: has 3 dimensions"),
+        ({"H_format": np.nan}, "H_format is nan"),
+        (
+            {"t_accounts_first_and_last_bounces": True, "laser_xyz": np.array([0.0, np.nan, 1.0])},
+            "laser_xyz or sensor_xyz is not finite",
+        ),
     ],
 )
 def test_lists_that_make_no_scan_are_refused_by_name(tmp_path: Path, changes: dict[str, Any], named: str) -> None:
