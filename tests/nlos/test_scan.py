@@ -70,7 +70,11 @@ def test_a_complete_scan_that_is_resumed_still_gets_its_picture(nlos: Nlos, smal
         again = nlos("scan", str(small), "-o", "run.h5", "--resume", "--reconstruct", "lct")
         assert again.returncode == 0, again.stderr
         assert "nothing was left to take" in again.stdout
+        assert "was made" not in again.stderr
     assert (tmp_path / "run" / "albedo.png").exists()
+    other = nlos("scan", str(small), "-o", "run.h5", "--resume", "--reconstruct", "fk")
+    assert other.returncode == 0
+    assert "run: is there and holds a picture by lct, so none by fk was made" in other.stderr
 
 
 @pytest.mark.parametrize(

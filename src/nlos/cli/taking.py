@@ -18,7 +18,7 @@ from nlos.chain import reconstruct_file
 from nlos.cli.benches import opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts, end_in_order_at_sigterm
-from nlos.cli.picture_beside import picture_beside
+from nlos.cli.picture_beside import picture_beside, picture_kept
 from nlos.cli.progress import Progress
 from nlos.cli.taken import Taken, listen, say_complete, say_ended, say_nothing_left
 from nlos.cli.targets import recording_target, refuse_own_input
@@ -86,7 +86,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     refuse_own_input(target, [options.scene], "the recorded scan whose light is replayed")
     refuse_own_input(target, [options.constants], "the file of the constants")
     if resume and _nothing_is_left(target, plan, options):  # no device is even opened
-        if options.method is not None and not target.with_suffix("").exists():
+        if options.method is not None and not picture_kept(target, options.method):
             _reconstruct(target, _recipe(options.method, options), overwrite)
         return
     if os.path.lexists(target) and not (overwrite or resume):  # a link to nothing, too
