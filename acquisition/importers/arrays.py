@@ -51,10 +51,6 @@ class StoredArrays:
     """Where the file states none."""
 
 
-WHOLE_UP_TO = 1 << 24
-"""Beyond this, float32 does not hold every whole number."""
-
-
 def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     """The scan; what is `given` goes before what is stored. Raises `InvalidData` naming file, place and reason."""
     refuse_other_names(stored.name, (*stored.beside, *stored.others))
@@ -84,8 +80,6 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
             "expected, or one number for all"
         )
     counts, exposed = without_missing(counts, exposed, notes)
-    if counts.dtype.kind in "ui" and counts.max(initial=0) > WHOLE_UP_TO:
-        notes.append(f"counts above {WHOLE_UP_TO} are held to seven digits")
     offsets = _flat(stored, "time_offset_bins", counts.ndim)
     if offsets is not None and (offsets := given.beside(offsets, shape)).shape != shape:
         raise InvalidData(f"{stored.name}: time_offset_bins has shape {offsets.shape}, the scan {shape}")

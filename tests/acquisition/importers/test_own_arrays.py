@@ -147,15 +147,6 @@ def test_every_documented_key_is_read_and_every_other_is_named(suffix: str, tmp_
     assert any(note.startswith("not used: direct_cut_bins") for note in raw.notes)
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_counts_too_large_to_be_held_to_the_last_photon_are_told(suffix: str, tmp_path: Path) -> None:
-    for most, told in ((1 << 24, False), ((1 << 24) + 1, True)):
-        counts = np.zeros(COUNTS.shape, dtype=np.uint32)
-        counts[0, 0, 40] = most
-        notes = read(tmp_path, suffix, WHOLE | {"histograms": counts}).notes
-        assert any("are held to seven digits" in note for note in notes) is told
-
-
 def test_keys_that_cannot_be_read_without_trust_are_named_too(tmp_path: Path) -> None:
     """NumPy stores a dictionary as a pickle, which is not opened."""
     scan = read(tmp_path, ".npz", WHOLE | {"meta": {"who": "lab"}})
