@@ -106,7 +106,8 @@ def film_of(
         found = table.pictured(each)
         _say_skipped(run, found)
         if not found.frames:
-            raise InvalidData(f"{run}: no {each} successive frames of it were taken whole; `nlos info` says what was")
+            none = "no frame of it was" if each == 1 else f"no {each} successive frames of it were"
+            raise InvalidData(f"{run}: {none} taken whole; `nlos info` says what was")
         whole = loaded_frames(recording, None)
         known = constants_for(whole, recipe.constants)
         arrivals = arrivals_of(whole, known)
