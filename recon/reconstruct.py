@@ -1,6 +1,7 @@
 """From a transient to a reconstruction, by any method of the catalogue."""
 
 import logging
+import math
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,7 +19,7 @@ from nlos.recon.gridding import confidence
 from nlos.recon.lit_window import lit_window
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult, takes_response
-from nlos.recon.methods import find, parse_settings, torch_is_installed
+from nlos.recon.methods import catalogue, find, parse_settings, torch_is_installed
 from nlos.recon.other_geometry import TELLING
 from nlos.recon.own_methods import name_of
 from nlos.recon.physics_settings import LightConeSettings, PhysicsSettings
@@ -27,6 +28,8 @@ from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_fini
 
 Image = npt.NDArray[np.float32]
 _log = logging.getLogger(__name__)
+FAINT = 1e-9
+"""The brightest bin of an array that is shown to methods in larger units."""
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
 
 
@@ -160,7 +163,22 @@ def _looked_at(transient: Transient, chosen: Settings) -> Transient:
 def _see_all(
     transient: Transient, method: str, chosen: Settings, device: str
 ) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
-    """`_see` of the whole window."""
+    """`_see` of the whole window. Arrays in units of which light is but a trace are seen in others: what keeps a
+    method from dividing by nothing would be brighter than all of it."""
+    brightest = float(max(transient.counts.max(initial=0), -transient.counts.min(initial=0)))
+    if not 0 < brightest < FAINT or method not in catalogue():
+        return _see_as_given(transient, method, chosen, device)
+    scale = np.float32(2.0 ** min(-math.frexp(brightest)[1], 126))
+    made, planes_m, takes = _see_as_given(replace(transient, counts=transient.counts * scale), method, chosen, device)
+    if isinstance(chosen, PhysicsSettings):  # the others' brightest point is 1
+        volume = None if made.volume is None else made.volume / scale
+        made = MethodResult(made.albedo / scale, made.depth_m, volume)
+    return made, planes_m, takes
+
+
+def _see_as_given(
+    transient: Transient, method: str, chosen: Settings, device: str
+) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
     if torch_is_installed():
         from nlos.recon.with_torch import see_by
 

@@ -119,8 +119,17 @@ def test_counts_may_be_scaled_and_the_picture_scales(
     method: str, scene: tuple[Transient, tuple[int, int, int]]
 ) -> None:
     straight = reconstruct(scene[0], method, SETTINGS.get(method, {})).albedo
-    scaled = reconstruct(replace(scene[0], counts=scene[0].counts * 7), method, SETTINGS.get(method, {})).albedo
-    assert np.abs(scaled / 7 - straight).max() <= 1e-4 * straight.max()
+    for factor in (7, 1e-25):  # such are units of joules, of somebody's rendering
+        counts = scene[0].counts * np.float32(factor)
+        scaled = reconstruct(replace(scene[0], counts=counts), method, SETTINGS.get(method, {})).albedo
+        assert np.abs(scaled / factor - straight).max() <= 1e-4 * straight.max()
+
+
+def test_nano_sees_light_in_any_units(scene: tuple[Transient, tuple[int, int, int]]) -> None:
+    straight = reconstruct(scene[0], "nano", explain=False).albedo
+    faint = replace(scene[0], counts=scene[0].counts * np.float32(1e-25))
+    assert straight.max() == 1
+    assert np.abs(reconstruct(faint, "nano", explain=False).albedo - straight).max() <= 1e-3
 
 
 @pytest.mark.parametrize("method", METHODS)
