@@ -29,7 +29,7 @@ Look = Callable[[Recording], None]
 
 
 def follow(
-    path: Path, *, patience_s: float = 60.0, clock: Clock | None = None, look: Look | None = None
+    path: Path, *, patience_s: float = 60.0, begun: bool = False, clock: Clock | None = None, look: Look | None = None
 ) -> Iterator[Sample]:
     """The intact samples of `path`, those already there first, then each as it is acknowledged, until the scan ends.
 
@@ -38,14 +38,15 @@ def follow(
     second handle, which would upset this one.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
-    included. Continues through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that
-    nobody writes, `StorageError` where the writer is gone for good, the file was deleted, or another recording has
-    taken its place.
+    included. `begun`: it has been there already, so where it is not and nobody writes it, it is not waited for.
+    Continues through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that nobody
+    writes, `StorageError` where the writer is gone for good, the file was deleted, or another recording has taken its
+    place.
     """
     clock, look = clock or SystemClock(), look or (lambda recording: None)
     given, identity = 0, ""
     while True:
-        with _opened(path, patience_s, clock, given) as recording:
+        with _opened(path, patience_s, clock, given, begun) as recording:
             if identity and recording.header.identity != identity:
                 raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it again.")
             identity = recording.header.identity
@@ -93,7 +94,7 @@ def _pause_s(plan: ScanPlan) -> float:
     return min(POLL_S, max(plan.dwell_total_s / plan.frames / LOOKS_A_FRAME, FASTEST_POLL_S))
 
 
-def _opened(path: Path, patience_s: float, clock: Clock, given: int) -> Recording:
+def _opened(path: Path, patience_s: float, clock: Clock, given: int, begun: bool) -> Recording:
     """The recording, once it is there. A file that cannot be read yet may be on its way."""
     began_s = clock.now()
     deadline_s = began_s + patience_s
@@ -106,6 +107,11 @@ def _opened(path: Path, patience_s: float, clock: Clock, given: int) -> Recordin
                 raise
             if clock.now() - began_s > LEFT_ALONE_S and given:
                 raise StorageError(f"{path}: was deleted or moved after {given} samples.") from error
+            if alone and begun:
+                raise StorageError(
+                    f"{path}: was deleted or moved before it was opened here, and nobody writes it any more. See the "
+                    "scan's terminal for how it ended."
+                ) from error
             if clock.now() >= deadline_s:
                 raise TimeoutError(f"{path}: no recording to follow after {patience_s:g} s ({error})") from error
         clock.sleep(POLL_S)

@@ -519,6 +519,17 @@ def test_a_scan_that_failed_says_by_what_not_which_alarm_was_mended_before(viewe
     page.close()
 
 
+def test_a_scan_whose_recording_is_gone_is_not_waited_for(viewer: str, browser: Any) -> None:
+    page, _ = opened(browser, viewer)
+    shows(page, "status", "^Scan complete$")
+    page.evaluate("""() => { const state = scans[0].state; delete state.light;
+      [state.status, state.message, state.pictures] = ["missing", "run.h5: was deleted.", {}]; tell(); }""")
+    shows(page, "status", "^No recording to show$")
+    shows(page, "banner", r"run\.h5: was deleted\. Nothing here knows whether the laser is on: see the scan's terminal")
+    shows(page, "laser", "^laser: not known$")
+    page.close()
+
+
 def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_be_on(
     folder: Path, browser: Any
 ) -> None:

@@ -1,15 +1,24 @@
 """What a page cannot show is refused before anybody is told where to look; what is not there yet is waited for."""
 
+import json
 import os
 import shutil
+import signal
+import socket
 import subprocess
+import time
+import urllib.request
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from nlos.__main__ import run
+from nlos.acquisition.recording import follow
+from nlos.live.process import SOCKET, TOKEN
 from tests.nlos.conftest import SMALL, Viewer
 
 
@@ -83,3 +92,29 @@ def test_a_scan_that_has_not_begun_is_waited_for_under_its_address(
         assert viewer.waits(lambda state: state["over"])["samples"] == 16
     assert "waiting for later.h5" in viewer.errors.read_text()
     assert "calibrated: no plane wall" not in viewer.errors.read_text()  # a rehearsal's scan of a wall is nobody's
+
+
+def test_the_page_of_a_scan_says_that_the_recording_was_gone_before_it_was_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(follow, "LEFT_ALONE_S", 0.0)
+    door = socket.create_server(("127.0.0.1", 0))
+    address = f"http://127.0.0.1:{door.getsockname()[1]}/word/state"
+    monkeypatch.setenv(SOCKET, str(door.detach()))
+    monkeypatch.setenv(TOKEN, "word")
+
+    def asked() -> dict[str, Any]:
+        while True:
+            with urllib.request.urlopen(address, timeout=240) as answer:
+                state: dict[str, Any] = json.load(answer)["scans"][0]
+            if state["status"] != "waiting":
+                os.kill(os.getpid(), signal.SIGINT)  # the viewer is there: it answered
+                return state
+            time.sleep(0.02)
+
+    with ThreadPoolExecutor(1) as pool:
+        said = pool.submit(asked)
+        assert run(["live", "gone.h5", "--method", "lct", "--idle-s", "600", "-q"]) == 6
+        assert said.result()["status"] == "missing"
+    assert "gone.h5: was deleted or moved before it was opened here" in said.result()["message"]

@@ -82,6 +82,7 @@ def live(
             first_fraction=FIRST,
             constants=constants,
             response=wanted,
+            begun=bool(inherited),
         )
         for run in runs
     ]
@@ -89,15 +90,16 @@ def live(
         scans[0].on_picture = lambda picture: write_state(state, picture)
     page = LivePage(scans, token, {f"127.0.0.1:{number}", f"localhost:{number}"})
     server = WebServer(door, page, page.nothing_new)
-    taken_up = TakenUp(scans, page, ENDS_S)
+    taken_up, ended = TakenUp(scans, page, ENDS_S), threading.Event()
 
     def end_when_idle() -> None:
-        while not all(scan.failed for scan in scans):
+        while inherited or not all(scan.failed for scan in scans):  # there the page alone says why it shows nothing
             taken_up.look()
             busy = any(not (scan.over or scan.broke_off or scan.failed) for scan in scans)
             if idle_s is not None and not busy and time.monotonic() - page.asked_s > idle_s:
                 break
-            time.sleep(0.5)
+            if ended.wait(0.5):
+                return
         server.stop()
 
     with ExitStack() as until_told:
@@ -117,6 +119,7 @@ def live(
             threading.Thread(target=end_when_idle, daemon=True).start()
             server.run()
         finally:
+            ended.set()
             page.stop(ENDS_S)
             for scan in scans:
                 scan.stop(ENDS_S)

@@ -56,7 +56,7 @@ class ScanAnswers:
         answer: dict[str, Any] = {
             "run": escaped(scan.run.name), "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
             "made": scan.pictures, "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [],
-            "alarms": 0, "taken_up": self.taken_up, "status": "waiting",
+            "alarms": 0, "taken_up": self.taken_up, "status": "missing" if scan.failed else "waiting",
             "lost": scan.error is not None or scan.broke_off,
             "frames": self._frames.samples, "frames_version": self._frames.version,
             "pictures": {

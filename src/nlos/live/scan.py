@@ -60,6 +60,8 @@ class LiveScan:
     """Called with the same picture once it is known how much light it explains."""
     patience_s: float = 60.0
     """How long the recording may take to appear."""
+    begun: bool = False
+    """It has been there already."""
     seen: Seen | None = None
     gathered: Gathered | None = None
     latest: dict[str, "LivePicture"] = field(default_factory=dict)
@@ -133,7 +135,7 @@ class LiveScan:
 
     def _follow(self) -> None:
         try:
-            for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
+            for sample in follow(self.run, patience_s=self.patience_s, begun=self.begun, look=self._look):
                 assert self.gathered is not None
                 over = self.gathered.frames_over
                 self.gathered.add(sample)

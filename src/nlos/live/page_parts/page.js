@@ -1,5 +1,5 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
-const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed", unread: "The scan's file cannot be read"};
+const WORDS = {waiting: "Waiting for the scan's file", missing: "No recording to show", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed", unread: "The scan's file cannot be read"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = "", shape = ""; // gone: "" while the viewer answers, "ended", or "silent" where no answer comes
 const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
 const brief = name => name.length > 48 ? `${name.slice(0, 30)}…${name.slice(-15)}` : name; // beside other words; the head of the page has it whole
@@ -57,12 +57,12 @@ function drawBeside() {
   map.draw(); histogram.draw(); put($("method").lastElementChild, method ? `${method.toUpperCase()} only` : "best picture");
 }
 function waitingFor(state) {
-  if (state.message) return state.message; const c = state.coming; if (frame !== null) return "this part of the scan is being reconstructed";
+  if (state.status === "missing") return "no picture"; if (state.message) return state.message; const c = state.coming; if (frame !== null) return "this part of the scan is being reconstructed";
   if (state.status === "waiting") return "waiting for the scan to begin"; if (!c) return "no picture yet"; if (c.making) return `first picture is being made, of ${count(c.samples)} points`;
   return c.in_s === null ? `first picture at ${count(c.samples)} points` : `first picture in about ${seconds(c.in_s)}, at ${count(c.samples)} points`;
 }
 function next(state) {
-  const c = state.coming; if (state.message) return state.message; if (!c || state.over) return ""; const what = Object.keys(state.pictures).length ? `${c.method.toUpperCase()} picture` : "first picture";
+  const c = state.coming; if (state.status === "missing") return ""; if (state.message) return state.message; if (!c || state.over) return ""; const what = Object.keys(state.pictures).length ? `${c.method.toUpperCase()} picture` : "first picture";
   return c.making ? `${what} of ${count(c.samples)} points is being made` : c.in_s === null ? "" : `${what} of ${count(c.samples)} points in about ${seconds(c.in_s)}`;
 }
 // Light: what it is called, and whether it is loud. What no program switches, or nobody commands any more, is loud as well.
@@ -70,7 +70,7 @@ const LIGHTS = {on: "LASER ON", off: "laser off", maybe: "LASER MAY BE ON", "no 
 const OVER = ["complete", "interrupted", "ended as asked", "stopped", "failed"], mayBeOn = state => ["on", "maybe", "no shutter"].includes(state.light);
 function lightOf(state) { // its words, and whether they are loud
   const over = OVER.includes(state.status), simulated = state.simulated ? " (simulated bench)" : "";
-  if (!state.light) return ["laser: not known" + (gone ? "" : " before the scan begins"), false];
+  if (!state.light) return ["laser: not known" + (gone || state.status === "missing" ? "" : " before the scan begins"), false];
   if (gone && mayBeOn(state) && !over) return [LIGHTS.maybe + simulated, true];
   if (state.light === "off") return ["laser off" + (gone ? " when last seen" : over ? " since the scan's end" : "") + simulated, false];
   if (state.light === "no shutter" && over) return ["laser: not switched by this bench" + simulated, false];
@@ -98,6 +98,7 @@ function banner(state) {
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
+  else if (state.status === "missing") [big, small, kind] = [WORDS.missing, `${state.message.replace(/\.?$/, ".")} Nothing here knows whether the laser is on: see the scan's terminal.`, "bad"];
   else if (state.status === "unread") [big, small, kind] = [mayBeOn(state) ? "The laser may be on" : WORDS.unread, `For ${seconds(state.unread_s)} nothing of the scan's file could be read: its disk or network does not answer, or this computer is very busy. What is shown is of before.` + (mayBeOn(state) ? " Treat the laser as on and see the scan's terminal." : ""), "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], (state.status === "failed" && last("failed")) || last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.`];
