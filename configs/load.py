@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from nlos.configs.kinds import Kind, called, not_text, of_another_kind
 from nlos.configs.read_whole import read_whole
+from nlos.configs.settings import ConfigError as ConfigError
 from nlos.configs.settings import Settings
 
 Model = TypeVar("Model", bound=Settings)
@@ -26,10 +27,6 @@ _PLAIN_TAGS = {f"tag:yaml.org,2002:{word}": word for word in ("null", "bool", "i
 _OWN_FOLDER = Path(__file__).parent
 _OTHERWISE = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-9.]+)+)")
 """Numbers that YAML 1.1 takes for others: 010 is octal, 1:30 counts sixties."""
-
-
-class ConfigError(ValueError):
-    """A YAML file that may not be used. The message begins with `file:line:column`."""
 
 
 @dataclass(frozen=True)

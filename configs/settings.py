@@ -3,6 +3,10 @@
 from pydantic import BaseModel, ConfigDict
 
 
+class ConfigError(ValueError):
+    """A YAML file that may not be used. The message begins with `file:line:column` where that is known."""
+
+
 class Settings(BaseModel):
     """A block of a YAML file. Unknown keys and wrong types are refused; nothing is coerced, clipped or guessed."""
 

@@ -1,12 +1,33 @@
 """What can go wrong, by name: faults that a bench file or a test asks the simulators to commit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from nlos.configs.settings import Settings
+from nlos.configs.settings import ConfigError, Settings
+
+
+class Parameters(dict[str, Any]):
+    """A fault's own, as a person wrote them. What is of another kind than its default raises `ConfigError`."""
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """The value, or the default."""
+        value = super().get(key, default)
+        if type(default) in (int, float) and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise ConfigError(f"simulation: faults: parameters: {key}: write a number (given {value!r})")
+        return value
+
+
+def one_of(parameters: dict[str, Any], key: str, default: str, known: Iterable[str]) -> str:
+    """The word given, or the default. Raises `ConfigError` for one that is not among `known`."""
+    word = str(parameters.get(key, default))
+    if word not in known:
+        raise ConfigError(
+            f"simulation: faults: parameters: {key}: write one of {', '.join(sorted(known))} (given {word!r})"
+        )
+    return word
 
 
 class Fault(Settings):
@@ -24,7 +45,7 @@ class Fault(Settings):
     """How many occasions it skips."""
     times: int = Field(default=1, ge=1)
     """How often it strikes."""
-    parameters: dict[str, Any] = Field(default_factory=dict)
+    parameters: Annotated[dict[str, Any], AfterValidator(Parameters)] = Field(default_factory=Parameters)
     """The fault's own: how many bytes, which flag."""
 
 

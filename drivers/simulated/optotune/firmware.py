@@ -5,11 +5,13 @@ Written independently of the driver: its own framing, its own register file, its
 
 import math
 import re
+from typing import Any
 
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.optotune.mirror import OptotuneSettings
 from nlos.drivers.galvo.settle import SettleModel
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import one_of
 from nlos.drivers.simulated.optotune import pro_mode
 
 _UNIT = math.tan(math.radians(50.0))
@@ -82,7 +84,7 @@ class OptotuneFirmware:
         self._never_stable = False
         self._reads_until_unstable = -1
 
-    def _fault(self, name: str, place: str = "") -> dict[str, object] | None:
+    def _fault(self, name: str, place: str = "") -> dict[str, Any] | None:
         fault = self._bench.faults.strikes(name, self._bench.clock.now(), place)
         return None if fault is None else fault.parameters
 
@@ -125,16 +127,18 @@ class OptotuneFirmware:
         return b"ERROR"
 
     def _set(self, match: re.Match[bytes]) -> bytes:
-        if (fault := self._fault("B1")) is not None and fault.get("reply", "NO") in ("NO", "ERROR"):
-            return str(fault.get("reply", "NO")).encode()
+        if (fault := self._fault("B1")) is not None:
+            refused = one_of(fault, "reply", "NO", ("NO", "ERROR", "OL", "OU"))
+            if refused in ("NO", "ERROR"):
+                return refused.encode()
         if self._fault("B2") is not None:
             self._never_stable = True
         if self._fault("B3") is not None:
             self._reads_until_unstable = 1
-        off = self._fault("B6")
-        self._off = 0.0 if off is None else float(str(off.get("off", 0.2)))
+        elsewhere = self._fault("B6")
+        self._off = 0.0 if elsewhere is None else float(elsewhere.get("off_by", 0.2))
         if (trouble := self._fault("B4")) is not None:
-            bit = int(str(trouble.get("bit", 1)))
+            bit = int(trouble.get("bit", 1))
             self._latched |= 1 << _LATCHED.get(bit, bit)
             if not trouble.get("latched_only"):
                 self._stuck |= 1 << bit

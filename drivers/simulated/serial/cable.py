@@ -5,10 +5,10 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import Any, Protocol
 
 from nlos.drivers.simulated.bench import SimulatedBench
-from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.faults import Fault, one_of
 
 _TOGETHER_S = 0.0005  # writes closer than this reach a firmware's main loop in one piece [K: one or two USB frames]
 
@@ -137,7 +137,7 @@ class SerialCable:
         if fault := self.strikes("G2"):
             when_s += float(fault.parameters.get("delay_s", 1.0))
         if fault := self.strikes("G4"):
-            answer = _garble(answer, str(fault.parameters.get("kind", "noise")))
+            answer = _garble(answer, fault.parameters)
         if self.strikes("G5"):
             answer = _another_value(answer)
         if fault := self.strikes("G3"):
@@ -164,7 +164,7 @@ class SerialCable:
                     self._arriving.append((max(last_s, when_s + delay_s), piece))
 
 
-def _garble(answer: bytes, kind: str) -> bytes:
+def _garble(answer: bytes, parameters: dict[str, Any]) -> bytes:
     middle = len(answer) // 2
     garbled = {
         "noise": bytes(range(128, 160)) + answer,
@@ -172,7 +172,7 @@ def _garble(answer: bytes, kind: str) -> bytes:
         "non_ascii": answer[:middle] + b"\xe9" + answer[middle:],
         "overlong": b"x" * 100_000,
     }
-    return garbled[kind]
+    return garbled[one_of(parameters, "kind", "noise", garbled)]
 
 
 def _another_value(answer: bytes) -> bytes:

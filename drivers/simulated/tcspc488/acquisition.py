@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.faults import one_of
 from nlos.drivers.simulated.tcspc488.protection import INTERLOCK, NEVER_S, SYNC, Protection
 from nlos.drivers.simulated.tcspc488.time_tags import TimeTags
 from nlos.drivers.tcspc.counter import HistogramFlag
@@ -17,6 +18,7 @@ RATE_WINDOW_S = 0.1
 SLOTS = 4096
 MAX_POINTS = 65536
 _SLACK_S = 1e-9
+_FLAGS = {"missed": 64, "late": 32, "overrun": 16}
 
 
 @dataclass
@@ -220,7 +222,7 @@ class Acquisition:
             flags |= HistogramFlag.TRIGGER_LATE
         closes_s = opens_s + (exposure.live_s if exposure.stopped_early else dwell_s)
         if (fault := self._bench.faults.strikes("U15", opens_s)) is not None:
-            flags |= {"missed": 64, "late": 32, "overrun": 16}[str(fault.parameters.get("what", "missed"))]
+            flags |= _FLAGS[one_of(fault.parameters, "what", "missed", _FLAGS)]
         self.protection.watch(exposure, opens_s, closes_s, settings.trip_rate_hz, settings.trip_time_ms)
         self._gate = _OpenGate(Slot(index, number, gate, exposure, flags), closes_s)
         if settings.source == "IMM" and index + 1 < settings.points:

@@ -1,6 +1,7 @@
 """What makes a simulated `tcspc488` shut the light off by itself: too many counts, interlock, lost sync, watchdog."""
 
 from nlos.drivers.simulated.bench import Exposure, SimulatedBench
+from nlos.drivers.simulated.faults import one_of
 
 NEVER_S = float("inf")
 OVER_COUNT, INTERLOCK, SYNC, WATCHDOG = 101, 102, 103, 105
@@ -49,7 +50,7 @@ class Protection:
         else:
             self._over_since_s = NEVER_S
         if (fault := self._bench.faults.strikes("U14", opens_s)) is not None:
-            cause = _FAULTS[str(fault.parameters.get("cause", "over_count"))]
+            cause = _FAULTS[one_of(fault.parameters, "cause", "over_count", _FAULTS)]
             self._coming = (opens_s + 0.5 * (closes_s - opens_s), cause)
 
     def gate_closed(self) -> None:

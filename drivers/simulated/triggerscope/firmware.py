@@ -10,6 +10,7 @@ from collections.abc import Callable
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import one_of
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 from nlos.drivers.simulated.triggerscope.lines import Line, integer
 from nlos.drivers.simulated.triggerscope.outputs import STATES, Output
@@ -72,10 +73,10 @@ class TriggerScopeFirmware:
         if faults.strikes("A3", now_s):
             self._banner, self.wiring.live = b"", False
         if fault := faults.strikes("A8", now_s):
-            for command in LEFT_OVERS[str(fault.parameters.get("state", "opens_on_edges"))]:
+            for command in LEFT_OVERS[one_of(fault.parameters, "state", "opens_on_edges", LEFT_OVERS)]:
                 self._answer(Line(command + b"\n"))
         if fault := faults.strikes("A9", now_s):
-            self._text += HALF_LINES[str(fault.parameters.get("line", "table"))]
+            self._text += HALF_LINES[one_of(fault.parameters, "line", "table", HALF_LINES)]
         banner, self._banner = self._banner, b""
         return banner
 

@@ -14,6 +14,7 @@ import usb.backend
 import usb.core
 
 from nlos.drivers.clock import Clock
+from nlos.drivers.simulated.faults import one_of
 from nlos.drivers.simulated.usb.control_requests import Stall
 from nlos.drivers.simulated.usb.descriptors import (
     configuration_descriptor,
@@ -273,7 +274,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
             self._pull(port)
             after_s = fault.parameters.get("replug_after_s")
             port.replug_s = None if after_s is None else self._clock.now() + float(after_s)
-            _fail(str(fault.parameters.get("error", "gone")))
+            _fail(one_of(fault.parameters, "error", "gone", _ERRORS))
         return port
 
     def _spend(self, count: int, latency_s: float = 0.0) -> None:

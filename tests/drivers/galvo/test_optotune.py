@@ -433,10 +433,10 @@ def test_words_that_are_no_answer_are_thrown_away(lab: Lab) -> None:
 
 
 def test_a_mirror_away_from_where_it_was_sent_is_reported_or_stopped(lab: Lab) -> None:
-    _, mirror = lab(later("B6", off=0.01), readback=True)
+    _, mirror = lab(later("B6", off_by=0.01), readback=True)
     mirror.move_to(ASIDE)
     assert any("was sent to x = +5.73 deg" in warning for warning in mirror.warnings)
-    _, mirror = lab(later("B6", off=0.2), readback=True)
+    _, mirror = lab(later("B6", off_by=0.2), readback=True)
     with pytest.raises(DeviceFault, match=r"was sent to .* and is at"):
         mirror.move_to(ASIDE)
     with pytest.raises(DeviceFault, match="not known any more"):

@@ -5,10 +5,12 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
-from nlos.configs.load import load
+from nlos.configs.load import ConfigError, load
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.simulated.fault_catalogue import markdown, names, tables
+from nlos.drivers.simulated.faults import Fault, one_of
 
 TOP = Path(__file__).parents[3]
 NAMES = names()
@@ -41,3 +43,18 @@ def test_a_fault_that_nobody_knows_is_refused() -> None:
     bench = load("bench", "simulated", BenchSettings).settings.model_dump(mode="json")
     with pytest.raises(ValueError, match=r"no fault of that name: G11\. .*fault_catalogue` prints all"):
         BenchSettings.model_validate_json(json.dumps(bench | {"simulation": {"faults": [{"name": "G11"}]}}))
+
+
+def test_every_parameter_is_written_in_a_bench_file_as_the_table_writes_it() -> None:
+    words = {word for rows in tables().values() for row in rows for word in re.findall(r"`(\w+)`", row.parameters)}
+    assert len(words) > 30
+    assert [word for word in words if yaml.safe_load(f"{{{word}: 1}}") != {word: 1}] == []
+
+
+def test_a_parameter_of_another_kind_is_refused_by_its_name() -> None:
+    given = Fault(name="B4", parameters={"bit": "hot", "delay_s": 2, "cause": "heat"}).parameters
+    assert given.get("delay_s", 1.0) == 2
+    with pytest.raises(ConfigError, match=r"parameters: bit: write a number \(given 'hot'\)"):
+        given.get("bit", 1)
+    with pytest.raises(ConfigError, match=r"parameters: cause: write one of interlock, sync \(given 'heat'\)"):
+        one_of(given, "cause", "sync", ["sync", "interlock"])
