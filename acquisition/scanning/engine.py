@@ -5,6 +5,7 @@ before anything else happens.
 """
 
 import contextlib
+import logging
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,6 +30,8 @@ from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
 from nlos.drivers.galvo.mirror import KeepsSettings, MirrorAngles
+
+_log = logging.getLogger(__name__)
 
 
 class Sink(Protocol):
@@ -106,6 +109,7 @@ class _Run:
         self._left = LeftToTake(plan, bench, photons, under_way.adviser)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
         self._alarm: Trouble | None = None
+        self._warned = set(bench.warnings)
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
@@ -201,7 +205,8 @@ class _Run:
         except LightOff:
             pass  # while the batch was being armed: `watch` says why
         except MirrorDisturbed as error:
-            self._bench.report("warning", f"{error.device}: {error.what}")
+            self._warned.discard(said := f"{error.device}: {error.what}")
+            self._warn([said])
             dark(self._bench, error.what)
             self._bench.mirror.park()
         finally:
@@ -219,6 +224,7 @@ class _Run:
             self._left.took(sample)
             yield sample
             self._bench.check_open()
+            self._warn(self._bench.warnings)
             if self._under_way.decide is not None and self._under_way.decide():
                 self._end_early(sample.point)
                 return
@@ -279,9 +285,15 @@ class _Run:
     def _set_up_again(self) -> None:
         """In the dark: nobody spoke to the instruments while somebody was asked, and what was switched off and on again
         has forgotten what it was told."""
-        bench, known = self._bench, set(self._bench.warnings)
+        bench = self._bench
         if isinstance(bench.mirror, KeepsSettings):
             bench.mirror.restore()
         bench.counter.configure(self._plan.axis, self._plan.stop)
-        for warning in (each for each in bench.warnings if each not in known):
-            bench.report("warning", warning)
+        self._warn(bench.warnings)
+
+    def _warn(self, warnings: Sequence[str]) -> None:
+        """Whoever watches, and the recording, of those that are new."""
+        for said in (each for each in warnings if each not in self._warned):
+            self._warned.add(said)
+            _log.warning(said)
+            self._bench.report("warning", said)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
+from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.verification import verify
 from nlos.cli.exit_codes import exit_code
 from nlos.drivers import errors
@@ -136,3 +137,23 @@ def test_a_fault_ends_a_scan_as_its_row_says_and_resume_finishes_it(
         assert {number: now[number] for number in now.keys() & whole} == {n: whole[n] for n in now.keys() & whole}
     else:
         assert now == whole
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "fault", "said"),
+    [
+        ("clocked", {}, Fault(name="A7", after_s=0.02), "another program changed the range of a DAC"),
+        ("optotune", {"readback": True}, Fault(name="B6", skip=5, times=2, parameters={"off_by": 0.01}), "was sent to"),
+    ],
+)
+def test_what_a_mirror_warns_of_in_a_scan_is_told_at_once_and_kept(
+    tmp_path: Path, name: str, changed: dict[str, Any], fault: Fault, said: str
+) -> None:
+    words = written(tmp_path, "batches", name, fault)
+    bench = yaml.safe_load((tmp_path / "bench.yaml").read_text())
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench | {"mirror": bench["mirror"] | changed}))
+    done = nlos(tmp_path, *words, "-o", "run.h5", check=True)
+    told = [line for line in done.stderr.splitlines() if said in line]
+    assert [line.startswith("warning: ") for line in told] == [True]  # once, although the mirror stays off
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert [event.kind for event in recording.events() if said in event.text and event.kind == "warning"]

@@ -46,6 +46,7 @@ class Optotune:
         self._looked_deg = np.full(2, settings.max_error_deg)
         """How far out (mechanical) each axis has been compared with what the mirror's sensor sees."""
         self._look_s = 0.0
+        self._is_off = False
         self._place = Whereabouts(DEVICE, REOPEN)
 
     @classmethod
@@ -152,7 +153,8 @@ class Optotune:
             what = f"the mirror was sent to {_shown(self._target)} and is at {_shown(measured)}"
             if error_deg > self._settings.max_error_deg:
                 raise DeviceFault(DEVICE, f"{what}.", REOPEN)
-            if error_deg > self._settings.warn_error_deg:
+            was_off, self._is_off = self._is_off, error_deg > self._settings.warn_error_deg
+            if self._is_off and not was_off:  # one that stays off is told of once
                 self.warnings.append(f"{DEVICE}: {what}.")
         return measured
 
