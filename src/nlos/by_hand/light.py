@@ -32,6 +32,7 @@ class LightOnRequest:
         self._timed = False
         self._opened_s: float | None = None
         self._off_s, self._late_s = float("inf"), 0.0
+        self._not_closed: DeviceError | None = None  # what the shutter said, where the timer could not close it
         self._closed_after_s = 0.0
         self.broken_off: Callable[[], bool] = lambda: False
         """Asked in the warning time before light: whether somebody wants none any more."""
@@ -110,6 +111,7 @@ class LightOnRequest:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
             self._opened_s = self._clock.now()
             self.openings += 1
+            self._not_closed = None
             try:
                 self._shutter.open()
             except ShutterHeld:  # its time was over before it was open
@@ -129,9 +131,12 @@ class LightOnRequest:
             self._shutter.heard()
         late_s, self._late_s = self._late_s, 0.0
         if late_s > _LATE_S:
+            why, late = self._not_closed, f"closed {late_s:.1f} s after its time"
+            if why is not None:
+                raise SafetyTrip("shutter", f"{late}, because at first it did not close: {why.what}", why.remedy)
             raise SafetyTrip(
                 "shutter",
-                f"closed {late_s:.1f} s after its time: the program was stopped meanwhile, or the computer slept.",
+                f"{late}: the program was stopped meanwhile, or the computer slept.",
                 "Find what held it up; light is shut by Ctrl-Z or Ctrl-C, not by `kill -STOP`.",
             )
 
@@ -178,5 +183,6 @@ class LightOnRequest:
             return
         try:
             self._shut()
-        except DeviceError:  # reported; the program may wait for something else, so `tick` may not come to try again
+        except DeviceError as error:  # the program may wait for something else: `tick` may not come to try again
+            self._not_closed = error
             self._set_timer(_ALARM_AGAIN_S)

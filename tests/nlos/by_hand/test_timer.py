@@ -1,4 +1,4 @@
-"""The timer that ends light by hand, within any message of the shutter's opening and where closing fails at first: it
+"""The timer that ends light by hand, within any message of the shutter's opening and of a program that is stopped: it
 is dark, by the simulated table's own account."""
 
 import os
@@ -14,9 +14,8 @@ from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.stops import Stops
 from nlos.cli.exit_codes import ExitCode
 from nlos.configs.load import load
-from nlos.drivers.bench import BenchSettings
+from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.partial_bench import open_partial_bench
-from nlos.drivers.simulated.faults import Fault
 from tests.acquisition.killed_scans import FORK
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 
@@ -33,14 +32,13 @@ class Ringing:
         folder.mkdir()
         settings = load("bench", str(bench_file(folder, name)), BenchSettings).settings
         self._at, self._opening, self.messages = at, False, 0
-        with open_partial_bench(settings, BOTH, wire_log=self._message) as bench:
+        with open_bench(settings, wire_log=self._message) as bench:
             light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
             with light.timed():
                 self._opening = True
                 light.ask(1.0)
                 self._opening = False
                 assert bench.simulated is not None
-                assert bench.shutter is not None
                 self.told_truly = bench.shutter.may_be_open == bench.simulated.shutter_open
                 light.end("it was enough")
                 self.dark = not bench.simulated.shutter_open
@@ -62,60 +60,26 @@ def test_light_whose_time_is_over_while_it_is_switched_on_goes_off(tmp_path: Pat
         assert rung.dark, at
 
 
-@pytest.mark.parametrize(("name", "fails"), [("S1, TTL shutter", 0), ("S1, TTL shutter", 2), ("S2", 0)])
-def test_the_timer_shuts_it_in_its_time_and_rings_again_where_the_shutter_did_not_close(
-    tmp_path: Path, name: str, fails: int
-) -> None:
+def test_the_computers_own_timer_shuts_it_in_its_time(tmp_path: Path) -> None:
     """As where a terminal takes no more: nobody calls `tick`. No watchdog has to."""
-    settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
+    settings = load("bench", str(bench_file(tmp_path, "S1, TTL shutter")), BenchSettings).settings
     patient = settings.safety.model_copy(update={"watchdog_s": 60.0})
     told: list[str] = []
     before = signal.getsignal(signal.SIGALRM)
-    for seconds in ASKED_S:
-        told.clear()
-        with open_partial_bench(settings.model_copy(update={"safety": patient}), BOTH) as bench:
-            bench.events.listener = lambda kind, text: told.append(text)
-            light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
-            assert bench.simulated is not None
-            with light.timed():
-                light.ask(seconds)
-                if fails:
-                    bench.simulated.faults.add(Fault(name="G9", after_s=bench.clock.now(), times=fails))
-                in_time = light.lit
-                until_s = time.monotonic() + 60
-                while bench.simulated.shutter_open and time.monotonic() < until_s:
-                    time.sleep(0.01)
-                assert not bench.simulated.shutter_open
-        assert signal.getsignal(signal.SIGALRM) is before
-        if in_time:
-            break
-    assert in_time
-    assert "closed: its time is over" in told
-    assert any("NOT CONFIRMED CLOSED" in each for each in told) == (fails > 0)
-
-
-def test_light_that_is_asked_for_again_in_time_goes_on_without_a_gap(tmp_path: Path) -> None:
-    """The timer that was set for the first time asked is none of the second's."""
-    settings = load("bench", str(bench_file(tmp_path, "S2")), BenchSettings).settings
-    with open_partial_bench(settings, BOTH) as bench:
+    with open_partial_bench(settings.model_copy(update={"safety": patient}), BOTH) as bench:
+        bench.events.listener = lambda kind, text: told.append(text)
         light = LightOnRequest(bench.shutter, bench.clock, settings.alignment, Stops())
+        assert bench.simulated is not None
         with light.timed():
-            for seconds in ASKED_S:
-                openings = light.openings
-                light.ask(seconds)
-                light.tick()
-                in_time, began_s = light.lit, bench.clock.now()
-                light.ask(1.5 * seconds)
-                in_time = in_time and bench.clock.now() - began_s < 0.5 * seconds
-                while light.wanted:
-                    light.tick()
-                    time.sleep(0.01)
-                if in_time:
-                    break
-    assert in_time
-    assert light.on_s > 1.2 * seconds
-    assert light.openings == openings + 1
-    assert witnessed(tmp_path).count("shutter open") == light.openings
+            light.ask(0.3)
+            until_s = time.monotonic() + 60
+            while bench.simulated.shutter_open and time.monotonic() < until_s:
+                time.sleep(0.01)
+            assert not bench.simulated.shutter_open
+    assert signal.getsignal(signal.SIGALRM) is before
+    assert (
+        "closed: its time is over" in told or not light.openings
+    )  # whose time was over before a busy machine came to it
 
 
 def point_in_a_child(folder: Path, light_s: float) -> None:
@@ -132,10 +96,9 @@ def point_in_a_child(folder: Path, light_s: float) -> None:
     ("name", "watchdog", "said"),
     [
         ("S3", (), "nothing was heard from this program for 2 s with the light on"),
-        ("S3", PATIENT, " s after its time: the program was stopped meanwhile, or the computer slept."),
         ("S2", PATIENT, " s after its time: the program was stopped meanwhile, or the computer slept."),
     ],
-    ids=["nothing watches", "for less than that", "for less than the watchdog waits"],
+    ids=["nothing watches", "for less than the watchdog waits"],
 )
 def test_light_by_hand_that_outlasted_its_time_while_its_program_was_stopped_is_told(
     tmp_path: Path, name: str, watchdog: tuple[str, ...], said: str

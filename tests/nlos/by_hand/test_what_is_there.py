@@ -69,13 +69,6 @@ def test_a_mirror_that_drives_its_shutter_needs_no_counter(tmp_path: Path) -> No
     assert 0 < account(tmp_path).lit_s <= 0.3 + STARVED_S
 
 
-def test_light_that_no_instrument_watches_lasts_as_long_as_it_was_asked_for(tmp_path: Path) -> None:
-    """Nothing is said to the mirror meanwhile: whoever looks after the light is heard all the same."""
-    path = bench_file(tmp_path, {"shutter": {"model": "triggerscope_ttl"}, "mirror": {"shutter_pin": 16}})
-    assert run(["point", "0", "0", "--bench", str(path), "--light", "3"]) == 0
-    assert 2.4 < account(tmp_path).lit_s <= 3 + STARVED_S  # longer than `safety.watchdog_s`
-
-
 def test_there_is_no_light_where_the_beam_rests_outside_the_allowed_area(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,9 +85,9 @@ def test_there_is_no_light_where_the_beam_rests_outside_the_allowed_area(
 
 def test_alignment_duty_is_kept(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"alignment": {"duty": 0.4, "period_s": 0.5}})
-    assert run(["point", "0", "0", "--bench", str(path), "--light", "4"]) == 0
+    assert run(["point", "0", "0", "--bench", str(path), "--light", "2"]) == 0
     seen = account(tmp_path)
-    assert len(seen.lit) >= 2  # eight on a machine that has the time
+    assert len(seen.lit) >= 2  # four on a machine that has the time
     assert all(end is not None and end - start <= 0.4 * 0.5 + STARVED_S for start, end in seen.lit)
 
 
