@@ -28,7 +28,7 @@ class LightOnRequest:
         self, shutter: GuardedShutter | None, clock: Clock, alignment: AlignmentSettings, stops: Stops
     ) -> None:
         self._shutter, self._clock, self._alignment, self._stops = shutter, clock, alignment, stops
-        self._began_s = self._until_s = float("-inf")
+        self._began_s, self._until_s = 0.0, float("-inf")
         self._timed = False
         self._opened_s: float | None = None
         self._off_s, self._late_s = float("inf"), 0.0
@@ -100,7 +100,7 @@ class LightOnRequest:
             return
         self.answer()
         now_s, alignment = self._clock.now(), self._alignment
-        phase_s = (now_s - self._began_s) % alignment.period_s if self._until_s > now_s else 0.0
+        phase_s = (now_s - self._began_s) % alignment.period_s
         off_s = min(self._until_s, now_s - phase_s + alignment.duty * alignment.period_s)
         if alignment.duty == 1.0:
             off_s = self._until_s

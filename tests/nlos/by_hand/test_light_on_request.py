@@ -205,7 +205,8 @@ def test_the_timer_shuts_it_where_nobody_looks(
             with pytest.raises(SafetyTrip, match=r"closed 0\.8 s after its time"):
                 by_hand.light.tick()
         by_hand.light.tick()
-        signal.raise_signal(signal.SIGALRM)  # one that comes too late finds nothing to do
+        signal.raise_signal(signal.SIGALRM)  # one that comes too late finds nothing to do, and nothing late
+        by_hand.light.answer()
     assert signal.getsignal(signal.SIGALRM) is before
     assert not timer.is_set
 
@@ -225,6 +226,8 @@ def test_the_timer_moves_with_the_time_and_is_off_with_the_light(opened: Callabl
         assert not timer.is_set
         by_hand.light.ask(0.2)
     assert not timer.is_set  # the block is left with the light on: whoever leaves it ends it
+    by_hand.light.tick()
+    assert not timer.is_set  # nobody would hear it
     by_hand.light.end("it was enough")
 
 
@@ -283,12 +286,24 @@ def test_whatever_was_asked_for_its_end_is_dark_and_says_why(opened: Callable[..
     by_hand.light.ask(10.0)
     by_hand.looks_until(0.5)
     by_hand.light.end("nobody is there any more")
+    by_hand.clock.sleep(1.0)
+    assert by_hand.light.on_s == pytest.approx(0.5, abs=NEAR_S)
     assert by_hand.told[-1] == "closed: nobody is there any more"
     said = len(by_hand.told)
     by_hand.looks_until(1.5)
     by_hand.light.end("nobody is there any more")  # who is in the dark closes nothing
     assert len(by_hand.told) == said
     by_hand.saw((0.0, 0.5))
+
+
+def test_in_the_dark_its_end_says_nothing_to_an_instrument_that_may_be_gone(opened: Callable[..., ByHand]) -> None:
+    by_hand = opened(TTL)
+    by_hand.light.ask(0.5)
+    by_hand.looks_until(1.0)
+    by_hand.table.faults.add(Fault(name="G9", after_s=by_hand.clock.now(), times=2))
+    by_hand.light.end("nobody is there any more")
+    with pytest.raises(DeviceError):
+        by_hand.bench.shutter.close()  # the fault is there
 
 
 def test_light_that_a_signal_shut_comes_back_only_to_who_asks_once_that_is_over(opened: Callable[..., ByHand]) -> None:
