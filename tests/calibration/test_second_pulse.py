@@ -136,7 +136,19 @@ def test_light_that_comes_once_more_is_taken_out_bin_by_bin() -> None:
         seen[:, bin_] += share * 0.75 * light[:, bin_ - 20]
         seen[:, bin_] += share * 0.25 * light[:, bin_ - 21] if bin_ > 20 else 0
     found = SecondPulse(lag * WIDTH_S, share, 0.0, True, from_histogram([1.0, 4.0, 1.0], WIDTH_S), WIDTH_S)
-    background = Background(np.full(3, 2.0), np.zeros(3))
-    once, variance = without_second_pulse(seen + 2.0, np.ones((3, 200)), np.full(3, np.nan), background, found)
-    np.testing.assert_allclose(once, light + 2.0, atol=1e-5)
+    background = Background(np.full(3, 2.0), np.array([0.0, 0.0, np.nan]))
+    even = np.array([[2.0], [2.0], [0.0]])  # of the last nothing is known, so all of it is light
+    once, variance = without_second_pulse(seen + even, np.ones((3, 200)), np.full(3, np.nan), background, found)
+    np.testing.assert_allclose(once, light + even, atol=1e-5)
     np.testing.assert_allclose(variance[:, [0, 19, 20, 199]], [[1, 1, 1 + share**2, 1 + share**2]] * 3, atol=1e-6)
+
+
+def test_the_direct_pulse_once_more_leaves_nothing_between_two_bins() -> None:
+    """Narrower than a bin: shifted by half a bin it would be as wide as two."""
+    response, at_bins, lag = from_histogram([1.0, 4.0, 1.0], WIDTH_S / 3), np.array([50.3, 61.8]), 20.5
+    direct = np.array([[4000.0], [9000.0]])
+    once, again = (direct * response.in_bins(-late * WIDTH_S, 200, WIDTH_S) for late in (at_bins, at_bins + lag))
+    found = SecondPulse(lag * WIDTH_S, 0.2, 0.0, True, response, WIDTH_S)
+    counts = 2.0 + once + 0.2 * again
+    light, _ = without_second_pulse(counts, counts, at_bins, Background(np.full(2, 2.0), np.zeros(2)), found)
+    np.testing.assert_allclose(light, 2.0 + once, atol=2.0)

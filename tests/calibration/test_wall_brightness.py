@@ -84,6 +84,10 @@ def test_light_that_differs_from_line_to_line_is_undone_once(caplog: pytest.LogC
         done = correct_points(scan(LINES, LINES))
     assert "hidden light follows it: laser or dwell differ" in caplog.text
     assert done.exposure_s / np.median(done.exposure_s) == pytest.approx(LINES / np.median(LINES), rel=0.35)
+    assert np.median(done.exposure_s) == pytest.approx(1.0, rel=0.02)  # as long as they were, in the middle
+    words = caplog.text.split()
+    brightest, darkest = np.quantile(LINES, [0.9, 0.1])
+    assert float(words[words.index("times") - 1]) == pytest.approx(brightest / darkest, rel=0.05)
 
 
 @pytest.mark.parametrize("of_direct", [np.ones(len(X)), HIGHLIGHT, TILES], ids=["even", "highlight", "tiles"])

@@ -21,7 +21,7 @@ from nlos.recon.count_noise import count_noise
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_hot import hot_points
-from nlos.recon.explained_parts import KEPT, CountNoise, coarser, counted_in, photon_unit, split
+from nlos.recon.explained_parts import KEPT, CountNoise, coarser, counted_in, photon_unit, photon_unit_of_sums, split
 from nlos.recon.explained_share import Explained, blame_response
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.live import LiveReconstruction
@@ -391,6 +391,49 @@ def test_hot_points_that_hide_the_rest_are_named() -> None:
     few = np.zeros_like(counts)
     few[100, 3, 3] = 5
     assert hot_points(replace(scan, counts=few), 1.0) == ""
+
+
+def test_hot_points_are_those_of_high_rates_and_the_brightest_three_are_named() -> None:
+    def told(hot: int, counts_each: float, seconds_each: float) -> str:
+        counts, exposure_s = np.full((10, 20, 20), 2.0, np.float32), np.ones((20, 20))
+        counts[:, 0, :hot] = counts_each * (1 + np.arange(hot)) / 10
+        exposure_s[0, :hot] = seconds_each
+        counts[:, 19, 19], exposure_s[19, 19] = 1e7, 0.0  # not measured
+        return hot_points(Transient(counts, exposure_s, WallGrid(1, 1, 20, 20), TimeAxis(10, 1e-10)), 1.0)
+
+    assert told(1, 1e6, 1.0).startswith("1 of 399 points hold 99 % of all counts, at (row, column) (0, 0): mark")
+    assert "(0, 2), (0, 1), (0, 0): mark" in told(3, 1e6, 1.0)
+    assert "(0, 3), (0, 2), (0, 1), ...: mark" in told(4, 1e6, 1.0)
+    assert told(1, 1e6, 1e5) == ""  # as bright as the others, for so long
+    assert told(1, 1e6, 1e-3) == told(1, 1e6, 1.0)
+
+
+def test_noise_of_what_was_subtracted_is_added_to_that_of_the_light() -> None:
+    """Of a scan that lasted 4 s a point, from each of whose bins 5 counts were taken."""
+    noise = CountNoise(4.0)
+    assert noise.deviation(np.array([9.0, -2.0]), 0.25) == pytest.approx([3.0, 2 * np.sqrt(0.5)])
+    assert noise.deviation(np.array([9.0])) == pytest.approx([6.0])
+    assert noise.of_sums(3) == noise
+    assert CountNoise(1.0, 2.0, 0.25).of_sums(4) == CountNoise(1.375, 8.0, 0.25 / 5.5)
+    light = np.where(np.abs(np.arange(400) - 200) < 60, 20.0, 0.0)
+    counts = np.random.default_rng(6).poisson(5.0 + light[:, None, None], (400, 20, 20)) - 5.0
+    scan = Transient(
+        counts.astype(np.float32) + 0.25, np.full((20, 20), 4.0), WallGrid(1, 1, 20, 20), TimeAxis(400, 1e-10)
+    )
+    found = count_noise(scan)
+    assert found.unit == pytest.approx(1.0, rel=0.1)
+    assert found.level == pytest.approx(5 / 4, rel=0.15)
+    parts = split(scan, CountNoise(1.0, 5 / 4))
+    drawn_there = parts.seen.counts[:100] - KEPT * scan.counts[:100]
+    assert drawn_there.var() == pytest.approx(KEPT * (1 - KEPT) * 5.25, rel=0.05)
+
+
+def test_light_moved_by_parts_of_a_bin_is_as_noisy_in_sums_as_it_was() -> None:
+    counts = np.random.default_rng(7).poisson(20.0, (401, 20, 20))
+    moved = (counts[1:] + counts[:-1]).astype(np.float32) / np.float32(2) + np.float32(0.1)
+    scan = Transient(moved, np.ones((20, 20)), WallGrid(1, 1, 20, 20), TimeAxis(400, 1e-10))
+    assert photon_unit_of_sums(scan, 4) == pytest.approx(0.5 + 2 * 0.25 * 3 / 4, rel=0.03)
+    assert photon_unit(replace(scan, counts=-moved)) == 0.0
 
 
 def test_one_point_alone_is_not_judged() -> None:
