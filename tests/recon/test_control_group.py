@@ -14,8 +14,9 @@ def group(folder: Path, limit: str, used: int, cached: int, version: int = 2) ->
     names = ("memory.max", "memory.current") if version == 2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
     (folder / names[0]).write_text(f"{limit}\n")
     (folder / names[1]).write_text(f"{used}\n")
-    key = "inactive_file" if version == 2 else "total_inactive_file"
-    (folder / "memory.stat").write_text(f"anon {used - cached}\nfile {cached}\n{key} {cached}\n")
+    total, once = "" if version == 2 else "total_", cached // 4
+    kept = f"{total}inactive_file {once}\n{total}active_file {cached - once}\n"
+    (folder / "memory.stat").write_text(f"anon {used - cached}\nfile {cached}\n{kept}")
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def test_a_job_of_a_batch_system(tmp_path: Path, of_process: Path) -> None:
 
 
 def test_what_is_only_kept_of_files_is_given_back(tmp_path: Path, of_process: Path) -> None:
-    """A recording of 3 GiB that was just read fills a container of 4, and leaves 3.5 of them."""
+    """A recording of 3 GiB that was just read, most of it twice, fills a container of 4, and leaves 3.5 of them."""
     of_process.write_text("0::/\n")
     group(tmp_path, str(4 * GIB), 7 * GIB // 2, 3 * GIB)
     assert bytes_left(tmp_path, of_process) == 7 * GIB // 2
@@ -52,3 +53,26 @@ def test_no_limit_anywhere(tmp_path: Path, of_process: Path) -> None:
     assert bytes_left(tmp_path, of_process) is None
     group(tmp_path / "user.slice", "max", GIB, 0)
     assert bytes_left(tmp_path, of_process) is None
+
+
+@pytest.mark.parametrize(
+    ("told", "limit", "stat", "left"),
+    [
+        (b"0::/../../x\n", b"4096", b"active_file 1", 3073),  # moved out of what is to be seen of here
+        (b"0::/a\xff\n", b"4096", b"active_file 1", 3073),
+        (b"0::/a\n", b"4096", b"active_file many", 3072),
+        (b"0::/a\n", b"4096", b"\xff", 3072),
+        (b"0::/a\n", b"4096", b"active_file 99999", 4096),
+        (b"0::/a\n", "\u00b2".encode(), b"", None),
+        (b"0::/a\n", b"\xff", b"", None),
+        (b"0::/a\n", b"", b"", None),
+        (b"nothing that Linux writes\n", b"4096", b"", None),
+    ],
+)
+def test_odd_names_and_contents_end_nothing(
+    tmp_path: Path, of_process: Path, told: bytes, limit: bytes, stat: bytes, left: int | None
+) -> None:
+    of_process.write_bytes(told)
+    for name, held in (("memory.max", limit), ("memory.current", b"1024"), ("memory.stat", stat)):
+        (tmp_path / name).write_bytes(held)
+    assert bytes_left(tmp_path, of_process) == left
