@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.second_pulse import SecondPulse
 from nlos.calibration.told import warn
 from nlos.calibration.wall_timing import FEWEST_POINTS
 
@@ -73,9 +74,10 @@ def close_pulse(counts: Counts, smooth: Floats, between: tuple[int, int], bin_wi
     return ClosePulse((top - peak) * bin_width_s, low + 1, float(as_high))
 
 
-def doubt_close_pulse(found: ClosePulse | None) -> None:
-    """Says where it is and what is done about it."""
-    if found is not None:
+def doubt_close_pulse(found: ClosePulse | None, second: SecondPulse | None) -> None:
+    """Says where it is and what is done about it, unless it is the `second` pulse, of which that is said already."""
+    taken_s = second.lag_s if second is not None and second.even else np.inf
+    if found is not None and not (second and abs(found.lag_s - taken_s) < second.response.fwhm_s()):
         warn(
             "a second pulse comes %.2f ns behind the direct one, at every point about %.2g %% as bright: a laser that "
             "pulses twice, or light thrown back between lens and detector. It is masked with the direct light; what is "

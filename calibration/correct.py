@@ -136,11 +136,10 @@ def correct_points(
             by_constants = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
             if offsets is None or not is_direct(offsets, by_constants):
                 offsets, arrival = None, by_constants
-    lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
+    lead = (LEAD_S if offsets is None else -2 * offsets.response.start_s) / raw.time.bin_width_s
     counts = subtract_dark(undone, raw, constants)
-    begin, dark_end = arrival + lead_s / raw.time.bin_width_s, arrival - max(2.0, lead_s / raw.time.bin_width_s)
     lit = np.isfinite(arrival) & (raw.exposure_s > 0)
-    begin, dark_end = np.where(lit, begin, np.nan), np.where(lit, dark_end, 0)
+    begin, dark_end = np.where(lit, arrival + lead, np.nan), np.where(lit, arrival - max(2.0, lead), 0)
     ambient = None if known is None else known.ambient
     if offsets is not None:
         ambient = dark_stretch(undone, raw.counts, dark_end, begin)
@@ -152,8 +151,8 @@ def correct_points(
         doubt_second_pulse(second := _second_pulse(done, raw, timed, offsets))
     if second is not None and second.even:
         done = _without(raw, timed, second, done.direct.close)
-    elif offsets is not None:
-        doubt_close_pulse(done.direct.close)
+    if offsets is not None:
+        doubt_close_pulse(done.direct.close, second)
     if known is not None:
         return _as_whole(done, known, known.close_end_bin if remove_direct else 0)
     return done if offsets is None or not remove_direct else _evened(done, offsets, raw)
@@ -267,11 +266,12 @@ def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets:
 
 
 def _without(raw: RawPoints, timed: _Timed, second: SecondPulse, close: ClosePulse | None) -> CorrectedPoints:
-    """`_finish` without a second pulse; where that was `close`, what is left of it is masked with the direct light."""
-    light = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
-    done = _finish(raw, replace(timed, counts=light[0], variance=light[1]))
-    direct = replace(done.direct, close=close)
-    return _masked(replace(done, second=second, direct=direct), direct.close_end_bin())
+    """`_finish` without a second pulse. What is masked as `close`, which may be what is left of it, stays so."""
+    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
+    done = _finish(raw, replace(timed, counts=counts, variance=variance))
+    close = max(filter(None, (close, done.direct.close)), key=lambda each: each.end_bin, default=None)
+    done = replace(done, second=second, direct=replace(done.direct, close=close))
+    return _masked(done, done.direct.close_end_bin())
 
 
 def _as_whole(done: CorrectedPoints, known: KnownDirect, end_bin: int) -> CorrectedPoints:
