@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import Transient
+from nlos.acquisition.transient import EXACT, Transient
 from nlos.acquisition.wall import WallGrid
 
 KEPT = 0.75
@@ -18,8 +18,6 @@ MOST_PHOTONS, ROUNDING = 2.0**18, 1e-6
 """In one bin, of counts in an unknown unit, and by how much float32 may miss a whole one: more would pass for whole."""
 PLANES = 64
 """Of one time each, looked at together: some memory, whatever the record."""
-EXACT = 2.0**24
-"""From here on every float32 is a whole number, photons or not."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,9 @@ def counted_in(transient: Transient) -> float:
 
 
 def are_multiples(counts: npt.NDArray[np.float32], unit: float) -> bool:
-    """Whether every number is a whole multiple of `unit`, as far as float32 can tell, and none is below 0."""
-    if not (counts >= 0).all() or not counts.max() < EXACT * unit:
+    """Whether every number is a whole multiple of `unit`, as far as float32 can tell, and none is below 0. From `EXACT`
+    on all are, photons or not: then most of what is not 0 must lie below."""
+    if not (counts >= 0).all() or 2 * np.count_nonzero(counts >= EXACT * unit) > np.count_nonzero(counts):
         return False
     firsts, planes = counts[:, :1], (counts[at : at + PLANES] for at in range(0, len(counts), PLANES))
     for part in (firsts, *planes):  # what are none mostly show it in their first

@@ -287,6 +287,20 @@ def test_photons_are_found_in_any_unit_and_not_where_there_are_none() -> None:
     assert counted_in(replace(scan, counts=(odd + 1) * np.float32(1e30))) == 0
     assert counted_in(replace(scan, counts=counts - 1)) == 0
     assert counted_in(replace(scan, counts=counts * 0)) == 1
+    assert counted_in(replace(scan, counts=np.where(counts == 5, np.float32(3e8), counts))) == 1
+    assert counted_in(replace(scan, counts=counts * np.float32(1e7) + np.float32(3e7))) == 0  # whole, as all such are
+
+
+def test_photons_beyond_what_floats_tell_apart_are_no_more_noise() -> None:
+    """A few bright bins made the whole scan one of unknown noise, and a right picture explained twice the light."""
+    made, scan = drawn(6e4)
+    brighter = np.random.default_rng(3).poisson(500 * scan.counts.astype(np.float64)).astype(np.float32)
+    assert brighter.max() > 1 << 24
+    albedo, depth = truth(made)
+    scans = (scan, replace(scan, counts=brighter))
+    told = [explained_light(each, lambda part: (albedo, depth), (4.0,)) for each in scans]
+    assert told[0].share == pytest.approx(told[1].share, abs=0.01)
+    assert told[0].error == pytest.approx(told[1].error, abs=0.01)
 
 
 @pytest.mark.parametrize("wall_m", [60.0, 80.0, 100.0])
