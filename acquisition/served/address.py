@@ -42,7 +42,7 @@ def listening_address(host: str) -> str:
 
 def _is_this_machine(host: str) -> bool:
     """Whether it says by itself that nobody else is meant."""
-    return "localhost" in host.lower() or ":" in host or host[:1].isdigit()
+    return any(word in host.lower() for word in ("localhost", "loopback", ":")) or host[:1].isdigit()
 
 
 def endpoint(address: str, port: int) -> str:

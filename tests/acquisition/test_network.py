@@ -302,6 +302,7 @@ def test_every_spelling_of_every_interface_is_refused(host: str) -> None:
         ("lab-pc", ["127.0.1.1", "::1", "fe80::7", "192.168.1.7", "fd00::7"], "192.168.1.7"),
         ("lab-pc", ["fd00::7", "::1"], "fd00::7"),
         ("localhost", ["::1", "127.0.0.1"], "127.0.0.1"),
+        ("ip6-loopback", ["::1"], "::1"),
         ("fe80::7%eth0", ["fe80::7"], "holds for one cable alone"),
     ],
 )

@@ -265,6 +265,18 @@ def test_a_computer_is_called_in_capitals_and_by_its_ipv6_address_too(monkeypatc
                 pass
 
 
+def test_a_page_is_reached_by_the_number_of_its_name_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A browser also makes a number of one that is written in short, as 10.1 is."""
+    monkeypatch.setattr("nlos.cli.status.listening_address", lambda host: {"lab-pc": "::1"}[host])
+    try:
+        door, names = listening_at("lab-pc", 0)
+    except UsageError:
+        pytest.skip("this computer has no IPv6")
+    with door:
+        port = door.getsockname()[1]
+    assert names[:2] == [f"lab-pc:{port}", f"[::1]:{port}"]
+
+
 @pytest.mark.parametrize("host", ["[", "[]", "[127.0.0.1]", "ä" * 64, "0.0.0.0", "::", ""])
 def test_what_is_no_address_is_none_of_all_that_this_computer_has(host: str) -> None:
     with pytest.raises(UsageError, match="--host"):

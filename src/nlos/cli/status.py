@@ -66,5 +66,6 @@ def listening_at(host: str, port: int) -> tuple[socket.socket, list[str]]:
     except OSError as error:
         raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
     bound, port = door.getsockname()[:2]
-    named = f"[{bound}]" if ":" in host else host.lower()
-    return door, [f"{name}:{port}" for name in (named, socket.gethostname().lower(), "127.0.0.1", "localhost")]
+    number = f"[{bound}]" if ":" in bound else bound
+    named = number if ":" in host else host.lower()
+    return door, [f"{name}:{port}" for name in (named, number, socket.gethostname().lower(), "127.0.0.1", "localhost")]
