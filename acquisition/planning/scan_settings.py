@@ -59,7 +59,8 @@ class HistogramSettings(Settings):
 
 
 class ContinuousSettings(Settings):
-    """Lines may be swept without settling, where the beam is found to be within `within_pixels` of each point."""
+    """Lines may be swept without settling, where the beam is found to be within `within_pixels` of each point; else the
+    points are taken one by one."""
 
     within_pixels: float = Field(default=0.25, gt=0, le=0.25)
     """How many steps of a line the beam may be away from a point in the middle of its dwell."""

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.layout import EVENT
 
 DEGREE = 4
 ROUNDS = 6
@@ -35,22 +36,24 @@ class Lag:
     """Why no lines are swept by it, so that points are taken one by one; neither number need be finite then."""
 
     def text(self) -> str:
-        """As the event log of a recording keeps it."""
-        known: dict[str, float | str | None] = {
-            name: value if math.isfinite(value) else None
-            for name, value in (("lag_s", self.lag_s), ("within_px", self.within_px))
-        }
-        return json.dumps({**known, "refused": self.refused} if self.refused else known)
+        """As the event log of a recording keeps it. What is refused has no `within_px`, so that no reader takes it for
+        a lag to sweep by, and as much of the reason as a row holds."""
+        if not self.refused:
+            return json.dumps({"lag_s": self.lag_s, "within_px": self.within_px})
+        lag_s, why = float(f"{self.lag_s:.4g}") if math.isfinite(self.lag_s) else None, self.refused
+        while len(said := json.dumps({"lag_s": lag_s, "within_px": None, "refused": why})) > EVENT["text"].itemsize:
+            why = why[:-1]
+        return said
 
     @classmethod
     def of_text(cls, text: str) -> "Lag":
         """Raises `InvalidData` for anything else."""
         try:
             values = json.loads(text)
-            lag_s, within_px = values["lag_s"], values["within_px"]
             if refused := str(values.get("refused", "")):
-                return cls(math.nan if lag_s is None else lag_s, math.inf if within_px is None else within_px, refused)
-            lag = cls(float(lag_s), float(within_px))
+                lag_s = values["lag_s"]
+                return cls(math.nan if lag_s is None else float(lag_s), math.inf, refused)
+            lag = cls(float(values["lag_s"]), float(values["within_px"]))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise InvalidData(f"an event of kind lag says {text[:80]!r}") from error
         if not (math.isfinite(lag.lag_s) and 0 <= lag.within_px < 1):

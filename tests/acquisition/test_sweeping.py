@@ -15,6 +15,7 @@ from nlos.acquisition.planning import schemes
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Scheme, choose, continuous_lines, forecast
+from nlos.acquisition.recording.layout import event_row
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -155,9 +156,8 @@ def test_lines_whose_lag_cannot_be_measured_are_taken_point_by_point(
     assert len(samples) == len(plan)
     assert (control.scheme, control.state) == (Scheme.STEPPED.value, ScanState.COMPLETE)
     assert control.expected_s == pytest.approx(took_s, rel=0.05)
-    lag = Lag.of_text(told["lag"])
+    lag = Lag.of_text(event_row("lag", told["lag"])["text"][0].decode())  # what a recording holds of it
     assert lag.refused in told["scheme"]
-    assert lag.within_px > 0.25
     with open_bench(bright(**changes)) as bench:
         choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)), lag=lag)
         assert choice.scheme is Scheme.STEPPED
