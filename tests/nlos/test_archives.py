@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -147,6 +148,7 @@ def test_the_broken_are_named_with_their_reasons_and_the_others_are_done(tmp_pat
         assert any(word in rows[f"broken_{name}"]["reason"] for word in words.split("|")), rows[f"broken_{name}"]
     assert "5 of 8 files without a result" in done.stderr
     assert "Traceback" not in done.stderr
+    assert not re.search(r"^(in/[^:]+): (failed: )?\1: ", done.stderr, re.M), "a file is named twice in a line"
     page = (tmp_path / "out" / "index.html").read_text()
     assert page.count("<figure>") == 3
     assert page.count("albedo.png") == 3

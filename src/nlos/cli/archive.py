@@ -95,7 +95,8 @@ def reconstruct_archive(
                     record.add(known[outcome.file], outcome)
                     progress.step()
                     if outcome.outcome != "done":
-                        terminal.log(f"{outcome.file}: {outcome.outcome}: {outcome.reason}", -1)
+                        why = outcome.reason.removeprefix(f"{outcome.file}: ")
+                        terminal.log(f"{outcome.file}: {outcome.outcome}: {why}", -1)
 
                 try:
                     for outcome in outcomes:

@@ -108,7 +108,9 @@ class TerminalHandler(logging.Handler):
     """Shows what the library logs: warnings and information as they come, details with -v."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = f"{terminal.about}: {record.getMessage()}".removeprefix(": ")
+        text = record.getMessage()
+        if terminal.about and not text.startswith(f"{terminal.about}: "):
+            text = f"{terminal.about}: {text}"
         if record.levelno >= logging.WARNING:
             terminal.log(f"warning: {text}")
         else:
