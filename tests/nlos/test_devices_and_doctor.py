@@ -105,6 +105,17 @@ def test_the_doctor_passes_the_simulated_bench(capsys: pytest.CaptureFixture[str
     assert examined >= {"software", "disk", "links", "mirror", "counter", "shutter", "dark counts", "scan"}
 
 
+def test_the_doctor_of_a_new_bench_warns_of_no_wall_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = str(tmp_path / "lab.yaml")
+    assert run(["new", "bench", "--simulated", "--no-check", "-o", lab]) == 0
+    assert run(["doctor", "--bench", lab]) == 0
+    told = capsys.readouterr()
+    assert " 0 WARN, 0 FAIL" in told.out + told.err
+    assert "warning" not in told.out + told.err
+
+
 def test_the_doctor_sees_a_hot_detector(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = yaml.safe_load(Path(bench_file(tmp_path)).read_text("utf-8"))
     document["simulation"]["detector"]["dark_cps"] = 100_000.0
