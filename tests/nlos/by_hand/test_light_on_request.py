@@ -1,4 +1,5 @@
-"""Light that was asked for, on the simulated table's own clock: for how long, at what duty, how late, and every end."""
+"""Light that was asked for, on the simulated table's own clock: for how long, at what duty, how late, every end, and
+what is counted in it."""
 
 import signal
 import threading
@@ -10,11 +11,15 @@ import pytest
 
 from nlos.by_hand.light import LightOnRequest
 from nlos.by_hand.stops import Stops
+from nlos.by_hand.watching import Watch
 from nlos.configs.load import load
 from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip, ShutterHeld
+from nlos.drivers.events import EventLog
+from nlos.drivers.partial_bench import PartialBench
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.tcspc.axes import whole_period
 from tests.nlos.by_hand.witness import bench_file
 
 TICK_S, SPARE_S = 0.01, 0.06
@@ -346,3 +351,24 @@ def test_its_time_begins_after_the_warning_and_who_breaks_that_off_has_none(
     assert by_hand.light.wanted is not broken_off
     by_hand.looks_until(10.0)
     by_hand.saw(*([] if broken_off else [(5.0, 6.0 - SPARE_S)]))
+
+
+def test_what_was_counted_in_other_light_at_another_place_or_on_another_axis_is_forgotten(
+    opened: Callable[..., ByHand],
+) -> None:
+    by_hand = opened()
+    bench = by_hand.bench
+    axis = whole_period(bench.counter, bench.settings.laser.repetition_hz, 0.06)
+    partial = PartialBench(bench.settings, bench.clock, EventLog(), counter=bench.counter, shutter=bench.shutter)
+    watch = Watch(partial, by_hand.light, axis)
+    by_hand.light.ask(1.0)
+    assert [watch.look().lit for _ in range(3)] == [True] * 3
+    assert watch.summed_s == pytest.approx(0.12, rel=0.01)
+    assert len(watch.summed) == round(1 / bench.settings.laser.repetition_hz / axis.bin_width_s)
+    by_hand.light.end("it was enough")
+    assert watch.look().lit is False
+    assert watch.summed_s == pytest.approx(0.04, rel=0.01)
+    for changed in (watch.forget, lambda: watch.set_axis(axis)):
+        watch.look()
+        changed()
+        assert (watch.summed_s, int(watch.summed.sum()), watch.peak()) == (0, 0, None)
