@@ -92,7 +92,7 @@ def test_alignment_duty_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["point", "0", "0", "--light", "500"], "outside 0.2 to 120 s"),
+    (["point", "0.3", "0.1", "--light", "500"], "outside 0.2 to 120 s"),
     (["point", "nan", "0"], "is not a place"),
     (["point", "0", "nan"], "is not a place"),
     (["point", "--deg", "41", "0"], "outside +-40.00 deg"),
@@ -371,9 +371,10 @@ def test_a_terminal_from_afar_may_move_but_gets_no_light(tmp_path: Path, capsys:
         child.wait_for("+0.1000   y   +0.0000 deg")
         child.press("q")
         assert child.ends() == 0
-    with at_a_terminal(tmp_path, "point", "0", "0", "--light", "1", "--bench", str(path), environment=afar) as child:
+    with at_a_terminal(tmp_path, "point", "0", ".1", "--light", "1", "--bench", str(path), environment=afar) as child:
         assert child.ends() == 4
     assert not account(tmp_path).lit
+    assert all(abs(y_rad) < 1e-3 for _, y_rad in moved(tmp_path))  # refused before it moves
 
 
 def test_keys_of_another_encoding_agree_to_no_light_and_are_no_fault_of_the_program(tmp_path: Path) -> None:
