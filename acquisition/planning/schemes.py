@@ -80,7 +80,35 @@ def choose(
     """The fastest scheme, for `angles` that `aim` made: the bench file's geometry, unless told. Clocked ones need a
     sequence in the mirror, a clock in the counter, and the marker wires without which nobody would notice that the two
     are out of step; or a mirror with its own clock, whose marks begin the counter's points."""
-    links = links or links_of(bench)
+    found = _fastest(plan, bench, angles, links or links_of(bench), lag, aim)
+    if plan.budget is None or plan.budget.after_first:
+        return found
+    return replace(found, forecast=_by_any_dwell(found.forecast, plan))
+
+
+def _by_any_dwell(forecast: Forecast, plan: ScanPlan) -> Forecast:
+    """That of a budget's points as they come, or of those that take longest, of which whoever advises may choose all.
+
+    The budget counts so much beside a dwell; a bench that takes less of it, or more, is done sooner or later by as many
+    points fewer."""
+    assert plan.budget is not None
+    costs_us = plan.budget.costs_us(plan.dwell_s)
+    longest = np.argsort(-costs_us)[: plan.budget.first(-np.sort(-costs_us), plan.budget.total_us)]
+    beside_s = (forecast.total_s - forecast.dwell_s) / max(len(plan.expected()), 1)
+    more_s = float(plan.dwell_s[longest].sum()) + len(longest) * beside_s - forecast.total_s
+    return replace(
+        forecast, sooner_s=forecast.sooner_s + max(-more_s, 0.0), later_s=forecast.later_s + max(more_s, 0.0)
+    )
+
+
+def _fastest(
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links,
+    lag: Lag | None,
+    aim: Aiming | None,
+) -> Choice:
     plan, angles = _expected(plan, angles)
     stepped = _of_frames(stepped_forecast, plan, bench, angles, links)
     if obstacle := _obstacle(bench):

@@ -14,7 +14,8 @@ import pytest
 from nlos.acquisition.errors import PlanRefused
 from nlos.acquisition.planning.budget import Budget
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.preflight import fitted
+from nlos.acquisition.planning.preflight import aim_of, checked_angles, fitted
+from nlos.acquisition.planning.schemes import choose
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.replay import replay
@@ -115,6 +116,20 @@ def test_without_advice_a_scan_is_coarse_to_fine_and_ends_with_its_time(
     found = verify(run_path)
     assert found.complete
     assert found.planned == 50
+
+
+@pytest.mark.parametrize("step_ms", [0.2, 3.0])
+@pytest.mark.parametrize("longest", [False, True])
+def test_the_forecast_holds_whatever_is_advised(
+    small_plan: Any, bench_settings: Any, longest: bool, step_ms: float
+) -> None:
+    """Points beside their dwell cost the budget more than the bench, or less."""
+    plan = plan_of(small_plan, 3.0, 24, step_ms=step_ms, lengths=3, batch=64)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        low_s, high_s = choose(plan, bench, checked_angles(plan, bench, aim_of(bench))).forecast.band_s
+        began_s = bench.clock.now()
+        assert list(scan(plan, bench, adviser=backwards(plan) if longest else None))
+        assert low_s <= bench.clock.now() - began_s <= high_s
 
 
 @pytest.mark.parametrize("bench", BENCHES)
