@@ -19,7 +19,7 @@ from nlos.cli.escaped import escaped
 from nlos.direct_cut import cut_direct, tell_of_tail, without_first
 from nlos.direct_times import DirectTimes
 from nlos.light_left_out import tell_of_light_left_out
-from nlos.loaded import LoadedScan, load_scan, refuse_full
+from nlos.loaded import LoadedScan, load_scan, refuse_full, said_rectified
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
 from nlos.recon.errors import InvalidData, InvalidSettings, NoLight
@@ -100,7 +100,7 @@ def _calibrated(
     _refuse_late(scan)
     refuse_full(scan)
     if use_file_offsets:
-        _check_file_offsets(scan)
+        scan = _shifted_by_file(scan)
     use_file_offsets = use_file_offsets or (scan.no_direct_light and not scan.rectified)
     if scan.points is not None:
         points = _raw(scan)
@@ -137,7 +137,9 @@ def _calibrated(
         done_by = correct(transient, constants, known=known, sync_count=scan.sync_count, total_count=scan.total_count)
         if of_a_whole is None:
             tell_of_light_left_out(done_by.points, tell)
-        return done_by.transient, None if of_a_whole is None else of_a_whole.response
+        response = None if of_a_whole is None else of_a_whole.response
+        aligned = done_by.transient
+        return cut_direct(aligned, scan.direct_cut_bins) if scan.direct_cut_bins else aligned, response
     with _or_rectified(_rectified_told(scan)):
         corrected = on_grid(correct_points(_raw(scan), constants), transient.wall)
     hear(corrected.points)
@@ -163,14 +165,19 @@ def _refuse_late(scan: LoadedScan) -> None:
         )
 
 
-def _check_file_offsets(scan: LoadedScan) -> None:
-    """Raises `InvalidSettings` where a file's offsets are to be used, and it has none, or nothing to shift by them."""
+def _shifted_by_file(scan: LoadedScan) -> LoadedScan:
+    """One whose file's offsets are to be used: raw, unless somebody said that it is not. Raises `InvalidSettings` where
+    it has none, or nothing to shift by them."""
     if scan.points is not None:
         raise InvalidSettings("offsets=file: the points are at free positions, offsets are of a grid. Leave it out.")
-    if scan.rectified:
-        raise InvalidSettings("offsets=file: time 0 is the wall already, there is nothing to shift. Use --raw as well.")
     if scan.offset_bins is None:
         raise InvalidSettings("offsets=file: the file has no time_offset_bins. Leave it out.")
+    if scan.rectified and not scan.rectified_assumed:
+        raise InvalidSettings("offsets=file: time 0 is the wall already, there is nothing to shift. Use --raw as well.")
+    if scan.rectified:
+        log.info("offsets=file: time_offset_bins are used and the scan is taken for raw, as nobody said that it is not")
+        return replace(said_rectified(scan, False), direct_cut_bins=scan.direct_cut_bins)
+    return scan
 
 
 def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":

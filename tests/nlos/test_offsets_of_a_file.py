@@ -1,5 +1,6 @@
 """`--set offsets=file`: a file's own offsets align it, the bench's constants correct the rest, as they do without."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -25,6 +26,24 @@ def write(path: Path, *, rectified: bool, free: bool = False) -> None:
         else:
             file["x_m"], file["y_m"] = (axis.ravel() for axis in np.mgrid[:4, :4] * 0.1 - 0.2)
         file.attrs.update({"bin_width_s": BIN_S, "wall_size_m": 1.2, "rectified": int(rectified)})
+
+
+def test_a_file_that_does_not_say_whether_it_is_rectified_is_shifted_as_asked(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write(tmp_path / "raw.h5", rectified=False)
+    write(tmp_path / "silent.h5", rectified=False)
+    with h5py.File(tmp_path / "silent.h5", "a") as file:
+        del file.attrs["rectified"]
+    raw, silent = (load_scan(tmp_path / f"{name}.h5") for name in ("raw", "silent"))
+    with caplog.at_level("INFO"):
+        shifted = calibrate_scan(silent, True)
+    assert "taken for raw" in caplog.text
+    assert np.array_equal(shifted.counts, calibrate_scan(raw, True).counts)
+    assert not np.array_equal(calibrate_scan(silent).counts, shifted.counts)
+    cut = calibrate_scan(replace(silent, direct_cut_bins=45), True).counts  # counted from where it was shifted to
+    assert np.array_equal(cut[45:], shifted.counts[45:])
+    assert not cut[:45].any()
 
 
 def dark_constants() -> BenchConstants:
