@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -104,6 +106,17 @@ class Fingers(io.StringIO):
         return "\n"
 
 
+@contextmanager
+def a_scan_that_pauses(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Interrupts, ScanControl, Fingers]]:
+    """At such a terminal: who asks there, what Ctrl-C pauses, and what was said."""
+    monkeypatch.setattr("sys.stdin", Fingers())
+    monkeypatch.setattr("sys.stderr", said := Fingers())
+    control = ScanControl()
+    with Interrupts().caught() as interrupts:
+        interrupts.pauses(control, shuttered=True)
+        yield interrupts, control, said
+
+
 @pytest.mark.parametrize(
     ("why", "how"),
     [("alarm: the rate", "(alarm: the rate)"), ("Ctrl-C in the terminal", "by Ctrl-C in the terminal")],
@@ -111,11 +124,7 @@ class Fingers(io.StringIO):
 def test_the_first_ctrl_c_at_the_question_ends_the_scan_whatever_paused_it(
     monkeypatch: pytest.MonkeyPatch, why: str, how: str
 ) -> None:
-    monkeypatch.setattr("sys.stdin", Fingers())
-    monkeypatch.setattr("sys.stderr", said := Fingers())
-    control = ScanControl()
-    with Interrupts().caught() as interrupts:
-        interrupts.pauses(control, shuttered=True)
+    with a_scan_that_pauses(monkeypatch) as (interrupts, control, said):
         assert not interrupts.ask(why)
         assert not control.wanted
     assert said.getvalue() == f"paused {how}; the shutter is closed. Enter resumes, Ctrl-C ends the scan.\n"
@@ -125,11 +134,7 @@ def test_the_first_ctrl_c_at_the_question_ends_the_scan_whatever_paused_it(
 def test_nobody_is_asked_whether_a_scan_resumes_that_has_its_last_point(
     monkeypatch: pytest.MonkeyPatch, why: str, asked: bool
 ) -> None:
-    monkeypatch.setattr("sys.stdin", Fingers())
-    monkeypatch.setattr("sys.stderr", said := Fingers())
-    control = ScanControl()
-    with Interrupts().caught() as interrupts:
-        interrupts.pauses(control, shuttered=True)
+    with a_scan_that_pauses(monkeypatch) as (interrupts, _, said):
         assert interrupts.ask(why, over=True) is not asked
         assert not interrupts.seen or asked
     assert ("Enter resumes" in said.getvalue()) is asked
