@@ -17,6 +17,7 @@ from typing import Self
 
 import torch
 
+from nlos.recon.control_group import processors
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.training.batches import USED, indices_at
 from nlos.recon.training.dataset import sample
@@ -81,8 +82,7 @@ def workers_for(settings: TrainSettings, samples: int, world: int, device: str) 
         return 0
     if device == "cpu":
         return 1
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(MOST_WORKERS, cores // world - 1))
+    return max(1, min(MOST_WORKERS, processors() // world - 1))
 
 
 def _made(data: DatasetSettings, number: int, cache: Path | None) -> TrainingSample:

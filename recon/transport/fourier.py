@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from nlos.recon.control_group import processors
 from nlos.recon.parts import counted
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def on_one_core() -> Iterator[None]:
 
 def threads() -> int:
     """As many as torch may use; without torch what `OMP_NUM_THREADS` says, as torch takes it, else a thread for every
-    processor of this process."""
+    processor."""
     if getattr(_own, "alone", False):
         return 1
     torch = sys.modules.get("torch")
@@ -98,7 +99,7 @@ def threads() -> int:
     said = os.environ.get("OMP_NUM_THREADS", "")
     if said.isdecimal() and int(said) > 0:
         return int(said)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return processors()
 
 
 def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:

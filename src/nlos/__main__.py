@@ -33,6 +33,7 @@ from nlos.cli.outliving import outlive_terminal, refused_results
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
 from nlos.cli.threads_left import end_within
 from nlos.drivers.exit_paths import was_told_to_end
+from nlos.recon.control_group import granted
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
@@ -49,6 +50,9 @@ def main() -> None:
     # NumPy's and SciPy's OpenBLAS, each with threads of its own, hands out even matrices of 2 x 2, and spins meanwhile:
     # a Delaunay mesh of a thousand points took 5 ms of one core, or seconds of two that were shared (decision 305).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # A container's share of processor time is not among the processors that OpenMP counts.
+    if "OMP_NUM_THREADS" not in os.environ and (own := granted(os.cpu_count() or 1)):
+        os.environ["OMP_NUM_THREADS"] = str(own)
     # Nor do the children of this process, however a library starts them, import from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     outlive_terminal()

@@ -18,6 +18,7 @@ from nlos.cli.archive_on_this_machine import processes_of
 from nlos.cli.archive_task import Outcome, Task
 from nlos.cli.exit_codes import UsageError
 from nlos.recipe import Recipe
+from nlos.recon.control_group import processors
 from nlos.results_folder import ResultsFolder
 from tests.nlos.test_archives import SOAK, dask, free_port, record, times
 from tests.nlos.test_archives import archive as scans
@@ -159,7 +160,7 @@ def test_workers_that_cannot_be_started_leave_the_files_to_this_process(monkeypa
 
 
 def test_how_many_processes_local_asks_for() -> None:
-    assert processes_of("local") == archive_on_this_machine.cores()
+    assert processes_of("local") == processors()
     assert processes_of("local:3") == 3
     assert processes_of("tcp://127.0.0.1:8786") is None
     for word in ("local:", "local:0", "local:many", "local:-1"):
@@ -179,7 +180,7 @@ def test_one_thread_beside_workers_and_as_many_as_before_afterwards(monkeypatch:
     monkeypatch.delenv("OMP_NUM_THREADS")
     with archive_crew._one_thread(only=True):
         assert threads() == 1
-    assert threads() == archive_on_this_machine.cores()
+    assert threads() == processors()
 
 
 @pytest.mark.soak

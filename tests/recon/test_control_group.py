@@ -1,10 +1,10 @@
-"""Memory that a batch system or a container leaves, from files as Linux writes them."""
+"""Memory and processor time that a batch system or a container leaves, from files as Linux writes them."""
 
 from pathlib import Path
 
 import pytest
 
-from nlos.recon.control_group import bytes_left
+from nlos.recon.control_group import bytes_left, granted
 
 GIB = 1 << 30
 
@@ -76,3 +76,29 @@ def test_odd_names_and_contents_end_nothing(
     for name, held in (("memory.max", limit), ("memory.current", b"1024"), ("memory.stat", stat)):
         (tmp_path / name).write_bytes(held)
     assert bytes_left(tmp_path, of_process) == left
+
+
+@pytest.mark.parametrize(
+    ("of_process", "files", "processors"),
+    [
+        ("0::/a/b\n", {"a/cpu.max": "100000 100000", "a/b/cpu.max": "max 100000"}, 1),
+        ("0::/a/b\n", {"a/cpu.max": "250000 100000", "a/b/cpu.max": "350000 100000"}, 3),  # 2.5, begun ones whole
+        ("0::/\n", {"cpu.max": "50000 100000"}, 1),  # as a container sees its own
+        ("0::/\n", {"cpu.max": "400000 100000"}, None),  # as many as there are
+        ("0::/\n", {"cpu.max": "max 100000"}, None),
+        ("0::/\n", {"cpu.max": "much"}, None),
+        ("0::/\n", {}, None),
+        ("3:cpu,cpuacct:/x\n0::/\n", {"cpu/x/cpu.cfs_quota_us": "150000", "cpu/x/cpu.cfs_period_us": "100000"}, 2),
+        ("3:cpu,cpuacct:/x\n0::/\n", {"cpu/x/cpu.cfs_quota_us": "-1", "cpu/x/cpu.cfs_period_us": "100000"}, None),
+        ("3:cpu,cpuacct:/x\n0::/\n", {"cpu/x/cpu.cfs_quota_us": "50000", "cpu/x/cpu.cfs_period_us": "0"}, None),
+        ("nothing that Linux writes\n", {"cpu.max": "50000 100000"}, None),
+    ],
+)
+def test_processors_that_a_share_of_their_time_grants(
+    tmp_path: Path, of_process: str, files: dict[str, str], processors: int | None
+) -> None:
+    (told := tmp_path / "cgroup").write_text(of_process)
+    for name, held in files.items():
+        (path := tmp_path / "mounted" / name).parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{held}\n")
+    assert granted(4, tmp_path / "mounted", told) == processors

@@ -1,6 +1,5 @@
 """`--scheduler local` and `local:N`: how many processes do an archive here, and from when on."""
 
-import os
 import time
 from collections.abc import Iterator
 
@@ -8,6 +7,7 @@ from nlos.cli.archive_crew import Crew
 from nlos.cli.archive_on_dask import local_workers
 from nlos.cli.archive_task import Outcome
 from nlos.cli.exit_codes import UsageError
+from nlos.recon.control_group import processors
 
 LOCAL = "local"
 STARTUP_S = 12.0
@@ -20,7 +20,7 @@ def processes_of(scheduler: str) -> int | None:
     if word != LOCAL:
         return None
     if scheduler == LOCAL:
-        return cores()
+        return processors()
     if not (count.isdecimal() and int(count)):
         raise UsageError(f"--scheduler {scheduler}: local:N is expected, N processes on this machine, 1 or more.")
     return int(count)
@@ -45,8 +45,3 @@ def begun_when_worth_it(crew: Crew, processes: int) -> Iterator[Outcome]:
         if saved_s > STARTUP_S * max(1.0, slower):
             crew.begin_workers(local_workers(many - 1))
             begun = True
-
-
-def cores() -> int:
-    """How many processes this machine can run at a time."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
