@@ -14,7 +14,7 @@ from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS, MirrorSettings
 from nlos.drivers.run_defaults import RunDefaults
 from nlos.drivers.safety_settings import SafetySettings
-from nlos.drivers.simulated.fault_catalogue import CATALOGUE, names
+from nlos.drivers.simulated.fault_catalogue import refusal
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.tcspc.known_counters import COUNTERS, CounterSettings
 
@@ -154,9 +154,9 @@ class BenchSettings(Settings):
     @classmethod
     def _faults_are_known(cls, simulation: SimulationSettings | None) -> SimulationSettings | None:
         """Here and not where a fault is described, because models bring their own."""
-        unknown = [each.name for each in simulation.faults if each.name not in names()] if simulation else []
-        if unknown:
-            raise ValueError(f"no fault of that name: {', '.join(unknown)}. `python -m {CATALOGUE}` prints all of them")
+        refused = filter(None, map(refusal, simulation.faults if simulation else ()))
+        if (first := next(refused, None)) is not None:
+            raise ValueError(first)
         return simulation
 
     @property

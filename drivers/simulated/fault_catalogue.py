@@ -10,6 +10,7 @@ from typing import Any
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.fault_row import FaultRow
+from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.faults import FAULTS as SERIAL
 from nlos.drivers.tcspc.known_counters import COUNTERS
 
@@ -24,9 +25,16 @@ CATALOGUE = "nlos.drivers.simulated.fault_catalogue"
 """The module that prints the table: this one, whatever it is called as it is run."""
 
 
-def names() -> frozenset[str]:
-    """What a bench file may call a fault."""
-    return frozenset(row.name for rows in tables().values() for row in rows)
+def refusal(fault: Fault) -> str:
+    """Why a bench file may not ask for it, and what it may; empty for one that is in the table, as it is written."""
+    rows = [row for each in tables().values() for row in each if row.name == fault.name]
+    if not rows:
+        return f"no fault of that name: {fault.name}. `python -m {CATALOGUE}` prints all of them"
+    unknown = min((row.unknown(fault.parameters) for row in rows), key=len)
+    if not unknown:
+        return ""
+    takes = "; or ".join(row.parameters for row in rows if row.parameters) or "none"
+    return f"fault {fault.name} has no parameter {', '.join(unknown)}; it takes: {takes}"
 
 
 _HEAD = """# Faults, by name

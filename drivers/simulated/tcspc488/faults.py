@@ -64,7 +64,7 @@ FAULTS: tuple[FaultRow, ...] = (
              SAME, "`delay_s`"),
     FaultRow("U20", "list mode: late markers, wraps of 0 and n, a full FIFO, a cut record",
              "nothing for the first two; points with lost records are flagged `DATA_LOST` and taken again",
-             SAME, "`tcspc488`: `place`: `records`, `block`; `what`: `marker_order`, `overflow_zero`, "
-             "`overflow_one`, `fifo_full`. `picoquant`: `place`: `marker`; `late_pulses`"),
+             SAME, "tcspc488: `place`: `records`, `block`; `what`: `marker_order`, `overflow_zero`, "
+             "`overflow_one`, `fifo_full`. picoquant: `place`: `marker`; `late_pulses`"),
 )
 # fmt: on

@@ -9,11 +9,11 @@ import yaml
 
 from nlos.configs.load import ConfigError, load
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.simulated.fault_catalogue import markdown, names, tables
+from nlos.drivers.simulated.fault_catalogue import markdown, refusal, tables
 from nlos.drivers.simulated.faults import Fault, one_of
 
 TOP = Path(__file__).parents[3]
-NAMES = names()
+NAMES = {row.name for rows in tables().values() for row in rows}
 BUILT_IN = {row.name for rows in tables().values() for row in rows if row.parameters.startswith("built in")}
 NAMED = re.compile(r'"([GABUVHT]\d{1,2})"')
 
@@ -43,6 +43,26 @@ def test_a_fault_that_nobody_knows_is_refused() -> None:
     bench = load("bench", "simulated", BenchSettings).settings.model_dump(mode="json")
     with pytest.raises(ValueError, match=r"no fault of that name: G11\. .*fault_catalogue` prints all"):
         BenchSettings.model_validate_json(json.dumps(bench | {"simulation": {"faults": [{"name": "G11"}]}}))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "why"),
+    [
+        ("G2", {"delay_ms": 5}, "fault G2 has no parameter delay_ms; it takes: `delay_s`"),
+        ("G1", {"delay_s": 5}, "fault G1 has no parameter delay_s; it takes: none"),
+        ("A6", {"kind": "mised"}, "has no parameter kind: mised; it takes: `kind`: `missed`, `extra`"),
+        ("U20", {"place": "markers"}, "has no parameter place: markers; it takes: tcspc488: `place`: `records`"),
+        ("U11", {"place": "read", "replug_s": 1, "error": "io"}, "U11 has no parameter replug_s; it takes: `place`: "),
+        *[(name, parameters, "") for name, parameters in [
+            ("B1", {"reply": "NO"}), ("G8", {"place": "any call", "replug_after_s": 0.1}), ("U6", {"what": "cut"}),
+            ("U20", {"place": "marker", "late_pulses": 3}), ("U20", {"place": "block", "what": "fifo_full"}),
+            ("V1", {"place": "MH_StartMeas", "code": -1}), ("G7", {"chunk": 0, "gap_s": 0.1}),
+        ]],
+    ],
+)  # fmt: skip
+def test_parameters_that_a_fault_does_not_have(name: str, parameters: dict[str, object], why: str) -> None:
+    said = refusal(Fault(name=name, parameters=parameters))
+    assert (why in said) if why else not said
 
 
 def test_every_parameter_is_written_in_a_bench_file_as_the_table_writes_it() -> None:
