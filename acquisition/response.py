@@ -39,15 +39,8 @@ class Response:
 
     @property
     def fwhm_s(self) -> float:
-        """Full width at half maximum, between the outermost crossings."""
-        half = self.shares.max() / 2
-        above = np.flatnonzero(self.shares >= half)
-        first, last = int(above[0]), int(above[-1])
-        before = 0.0 if first == 0 else (self.shares[first] - half) / (self.shares[first] - self.shares[first - 1])
-        after = 0.0 if last == len(self.shares) - 1 else (self.shares[last] - half) / (
-            self.shares[last] - self.shares[last + 1]
-        )  # fmt: skip
-        return float((last - first + before + after) * self.step_s)
+        """Full width at half maximum, as `full_width_steps` has it."""
+        return full_width_steps(self.shares) * self.step_s
 
     def taps(self, bin_width_s: float) -> Floats:
         """Shares in bins of `bin_width_s` (K,), K odd, the middle bin centred on time 0."""
@@ -57,6 +50,17 @@ class Response:
         reach = max(int(np.ceil(np.abs(inside).max() - 0.5)), 0)
         values = np.diff(np.interp(np.arange(-reach, reach + 2) - 0.5, edges, running))
         return np.asarray(values / values.sum())
+
+
+def full_width_steps(shares: Floats) -> float:
+    """Full width at half maximum of a row of shares (K,), in its steps: between the outermost crossings of half the
+    maximum, on straight lines from step to step, and to no light before the first and after the last."""
+    row, half = np.pad(shares, 1), shares.max() / 2
+    above = np.flatnonzero(row >= half)
+    first, last = int(above[0]), int(above[-1])
+    before = (row[first] - half) / (row[first] - row[first - 1])
+    after = (row[last] - half) / (row[last] - row[last + 1])
+    return float(last - first + before + after)
 
 
 def gaussian(fwhm_s: float, source: str) -> Response:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.response import full_width_steps
+
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 ROWS_AT_ONCE = 2048
@@ -43,9 +45,8 @@ class ImpulseResponse:
         return np.diff(self.share_before(edges), axis=-1)
 
     def fwhm_s(self) -> float:
-        """Full width at half maximum, between the outermost crossings next to the maximum."""
-        above = np.flatnonzero(self.density >= self.density.max() / 2)
-        return float((above[-1] - above[0] + 1) * self.step_s)
+        """Full width at half maximum, between the outermost crossings, as reconstruction says it."""
+        return full_width_steps(self.density) * self.step_s
 
     def cropped(self, level: float) -> "ImpulseResponse":
         """The part around the maximum that stays above `level` times the maximum, area 1 again."""

@@ -10,6 +10,7 @@ import pytest
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
+from nlos.acquisition.response import measured
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
@@ -255,6 +256,8 @@ def test_measured_impulse_responses_are_read(name: str, fwhm_ps: float) -> None:
     response = load_response(TCSPC / name)
     assert response.fwhm_s() == pytest.approx(fwhm_ps * 1e-12, abs=8e-12)
     assert response.start_s < 0 < response.end_s
+    said = measured(response.density, response.step_s, name)  # as reconstruction takes it
+    assert response.fwhm_s() == pytest.approx(said.fwhm_s)
 
 
 def test_constants_lend_their_response(constants: BenchConstants, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import torch
 
 import nlos as library
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.response import Response, as_json, from_json, gaussian, measured
+from nlos.acquisition.response import Response, as_json, from_json, full_width_steps, gaussian, measured
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.array_scan import scan_from_arrays
@@ -70,6 +70,13 @@ def plain_file(path: Path, **said: object) -> Path:
             else:
                 file.attrs[name] = value
     return path
+
+
+@pytest.mark.parametrize(
+    ("shares", "steps"), [([1.0], 1), ([3.0, 3.0], 2), ([0.0, 1.0, 2.0, 1.0, 0.0], 2), ([0.0, 1.0, 4.0, 3.0, 0.0], 2)]
+)
+def test_widths_lie_between_steps(shares: list[float], steps: float) -> None:
+    assert full_width_steps(np.array(shares)) == pytest.approx(steps)
 
 
 def test_a_response_keeps_its_width_in_bins_of_any_width() -> None:
