@@ -134,7 +134,7 @@ def tripped(why: str, there: bool) -> SafetyTrip:
     """What refuses light after a trip."""
     return SafetyTrip(
         "shutter",
-        f"{'stays closed' if there else 'no scan'} after a trip ({why}).",
+        f"{'stays closed' if there else 'no scan'} after a trip ({why.rstrip('.')}).",
         f"Find the cause, then run {CLEARS}.",
     )
 

@@ -29,7 +29,7 @@ def refusals(nlos: Nlos, *words: str, scan: str = "scan.yaml") -> tuple[int, str
 
 def test_a_trip_that_stands_refuses_the_plan(nlos: Nlos, tmp_path: Path) -> None:
     latch = TripLatch.of_bench(load_bench(None).settings)
-    latch.trip("5e+06 counts/s")
+    latch.trip("5e+06 counts/s.")
     code, said, told = refusals(nlos)
     assert code == 4
     assert "stays closed after a trip (5e+06 counts/s)" in said

@@ -94,12 +94,13 @@ def test_a_series_whose_bench_may_have_no_light_is_not_begun(
     content["runs"][1]["bench"] = "other.yaml"
     queue.write_text(yaml.safe_dump(content))
     TripLatch.of_bench(load_bench(str(tmp_path / "other.yaml")).settings).trip("too bright")
+    held = sorted(tmp_path.iterdir())
     for asked in (["--plan"], []):
         assert run(["queue", str(queue), *asked]) == 4
         said = capsys.readouterr().err
         assert "--clear-trip" in said
         assert "in run 2-few; no scan of the series has begun" in said
-    assert not list(tmp_path.rglob("*.h5"))
+        assert sorted(tmp_path.iterdir()) == held, "not even the folder that was asked for"
 
 
 @pytest.mark.parametrize("failure", [ReconstructionFailed("not finite"), MemoryError("not finite")])

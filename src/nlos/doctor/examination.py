@@ -224,7 +224,7 @@ def _failed(bench: Bench, check: Check, error: DeviceError, condition: Condition
     """The check's line, or that of another instrument that failed while it was made."""
     role = role_of(bench.settings, error)
     if isinstance(error, SafetyTrip):
-        bench.shutter.latch(str(error))  # as in a scan: until a person clears it
+        bench.shutter.latch(f"{error.device}: {error.what}")  # as in a scan: until a person clears it
         condition.lost |= dict.fromkeys(("light", "counter"), f"a trip is latched: {error.what}")
     elif not isinstance(error, LimitError):
         condition.lost[role] = f"the {role} failed before: {error.what}"

@@ -1,6 +1,7 @@
 """Carries a series out: what is missing, one scan after the other, each outcome on disk before the next begins."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,6 +67,7 @@ class Series:
 def carry_out(series: Series) -> int:
     """Everything that is still to do; returns the exit code: 5 where an alarm left a scan as it is. Raises what ends
     the series: it resumes from there when it is carried out again."""
+    own = not series.folder.exists()
     try:
         series.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -87,6 +89,9 @@ def carry_out(series: Series) -> int:
         return _ended(series, journal, failed)
     finally:
         lock.release()
+        if own:
+            with suppress(OSError):  # refused before there was anything to keep, or not empty
+                series.folder.rmdir()
 
 
 def forecast(series: Series) -> None:
