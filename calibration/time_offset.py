@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.calibration.arrival_rounds import DETECTION, PLANE_S, Record, TimeOffsets, refined
 from nlos.calibration.background import quiet_background
 from nlos.calibration.by_blocks import chosen
@@ -27,6 +27,8 @@ SEEN_SHARE = 0.5
 NEIGHBOURS = 9
 UNLIKE = 0.05
 """Direct pulses have one shape: 0.01 in measured scans. Letters behind the corner: 0.09 to 0.17."""
+APART_S = 0.3e-9
+"""Times of a few points, less those of the drawing, differ by no more where the scanner is a handbreadth beside it."""
 AS_BRIGHT = 0.1
 """Of what is taken for direct light: a later pulse at `ACCEPTED_SHARE` of the points that may be the wall's."""
 HIDDEN = (
@@ -90,8 +92,8 @@ def _of_record(record: Record, response: ImpulseResponse | None) -> TimeOffsets:
         if _is_direct(record, brightest):
             return brightest
         if brightest.wall is None and lit.sum() < FEWEST_POINTS:
-            if record.scanner_m is None or brightest.found.sum() < FEWEST_DRAWN:
-                return brightest
+            if brightest.found.sum() < FEWEST_DRAWN:
+                return _of_few(record, response, brightest)
             return _of_earliest_light(record, response) or replace(brightest, off_the_drawing=True)
         if _unlike(record, brightest) > UNLIKE:
             raise _hidden(record, brightest)
@@ -103,6 +105,26 @@ def _of_record(record: Record, response: ImpulseResponse | None) -> TimeOffsets:
             raise
         return found
     return _of_earliest_light(record, response) or _undrawn(record, response, brightest)
+
+
+def _of_few(record: Record, response: ImpulseResponse | None, brightest: TimeOffsets) -> TimeOffsets:
+    """Of too few points for a fit: the brightest pulses, or else the earliest, whose times differ from point to point
+    as those of the bench's drawing do; the brightest where neither do, or nobody has drawn it."""
+    if record.scanner_m is None or _as_drawn(record, brightest):
+        return brightest
+    try:
+        earliest = refined(record, response, *_earliest(record, 1), steps=False)
+    except NoDirectPeak:
+        earliest = brightest
+    return earliest if _as_drawn(record, earliest) else replace(brightest, off_the_drawing=True)
+
+
+def _as_drawn(record: Record, found: TimeOffsets) -> bool:
+    assert record.scanner_m is not None
+    x, y, z = record.scanner_m
+    drawn_s = 2 * np.sqrt((record.x - x) ** 2 + (record.y - y) ** 2 + z**2) / SPEED_OF_LIGHT_M_PER_S
+    late_s = (found.measured_bins * found.bin_width_s - drawn_s)[found.found]
+    return bool(np.ptp(late_s) <= APART_S)
 
 
 def _undrawn(record: Record, response: ImpulseResponse | None, brightest: TimeOffsets) -> TimeOffsets:
@@ -143,9 +165,7 @@ def _of_earliest_light(record: Record, response: ImpulseResponse | None) -> Time
     one time everywhere tells no wall from a stray reflection."""
     lit = np.flatnonzero(record.lit)
     for together in (1, NEIGHBOURS):
-        near = neighbours(record.x[lit], record.y[lit], together)
-        first, gain = np.full(len(record.lit), record.box / 2), np.zeros(len(record.lit))
-        first[lit], gain[lit] = earliest_pulse(record.recorded, lit[near], record.background, record.box, DETECTION)
+        first, gain = _earliest(record, together)
         try:
             found = refined(record, response, first, gain, steps=False)
         except NoDirectPeak:
@@ -160,6 +180,15 @@ def _of_earliest_light(record: Record, response: ImpulseResponse | None) -> Time
         if seen_there.mean() > SEEN_SHARE and tells:
             return _behind_a_pane(record, found) or found
     return None
+
+
+def _earliest(record: Record, together: int) -> tuple[Floats, Floats]:
+    """Where each point's first pulse is and how far it stands out, (N,), of `together` neighbours at a time."""
+    lit = np.flatnonzero(record.lit)
+    near = neighbours(record.x[lit], record.y[lit], together)
+    first, gain = np.full(len(record.lit), record.box / 2), np.zeros(len(record.lit))
+    first[lit], gain[lit] = earliest_pulse(record.recorded, lit[near], record.background, record.box, DETECTION)
+    return first, gain
 
 
 def _behind_a_pane(record: Record, first: TimeOffsets) -> TimeOffsets | None:

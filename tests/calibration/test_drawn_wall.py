@@ -27,6 +27,8 @@ CHOSEN = {
     "five points": np.array([0, SIDE - 1, SIDE * SIDE // 2 + 8, SIDE * (SIDE - 1), SIDE * SIDE - 1]),
 }
 
+FEW = {"two points": np.array([SIDE + 1, 9 * SIDE + 12]), "four points": np.array([0, 40, 100, 7 * SIDE + 7])}
+
 
 def points_of(scan: RawScan, chosen: np.ndarray, drawn: float | None = 1.04) -> RawPoints:
     """Some of the points, with a drawing that puts the scanner `drawn` times as far away; None: with none."""
@@ -45,11 +47,11 @@ def outshone() -> RawScan:
     return make_raw_scan(SIDE, direct_counts=150, hidden_counts=1500, background=0.05)
 
 
-@pytest.mark.parametrize("shape", CHOSEN)
+@pytest.mark.parametrize("shape", [*CHOSEN, *FEW])
 def test_direct_light_that_hidden_light_outshines_is_found_by_the_drawing(outshone: RawScan, shape: str) -> None:
-    chosen = CHOSEN[shape]
+    chosen = (CHOSEN | FEW)[shape]
     offsets = found(points_of(outshone, chosen))
-    assert offsets.on_a_plane
+    assert offsets.on_a_plane == (shape in CHOSEN)
     assert not offsets.off_the_drawing
     assert np.abs(offsets.offset_bins - outshone.arrival_bins[chosen]).max() < 0.5
 
@@ -63,6 +65,14 @@ def test_hidden_light_alone_does_not_agree_with_the_drawing(shape: str) -> None:
         return
     assert offsets.off_the_drawing
     assert not offsets.on_a_plane
+
+
+@pytest.mark.parametrize("shape", FEW)
+def test_few_points_that_the_drawing_does_not_explain_keep_what_is_brightest_and_say_so(shape: str) -> None:
+    scan = make_raw_scan(SIDE, scanner_m=(2.0, 0.0, 1.0))
+    raw = replace(points_of(scan, FEW[shape]), scanner_m=np.array([-2.0, 0.0, 1.0]))
+    assert found(raw).off_the_drawing
+    assert np.abs(found(raw).offset_bins - scan.arrival_bins[FEW[shape]]).max() < 1
 
 
 @pytest.mark.parametrize("shape", CHOSEN)
