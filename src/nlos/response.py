@@ -141,7 +141,7 @@ def say_response(transient: Transient) -> None:
         log.debug("response: none known")
         return
     log.debug("response: %.0f ps FWHM, %s", found.fwhm_s * 1e12, found.source)
-    across_m, wall_m = lateral_m(transient, found.fwhm_s), transient.wall.width_m
+    across_m, wall_m = lateral_m(transient, found.fwhm_s), _widest_m(transient)
     if across_m * FEWEST_WIDTHS > wall_m:
         log.warning(
             "a response of %.0f ps is slow for this wall: it blurs %.2g m across, more than a tenth of its %.3g m. "
@@ -152,10 +152,15 @@ def say_response(transient: Transient) -> None:
 
 def lateral_m(transient: Transient, fwhm_s: float) -> float:
     """The finest detail across at the depth from which most light comes: c FWHM sqrt(w^2 + z^2) / (2 w), w half the
-    wall. Source: O'Toole et al., Nature 2018, eq. 4."""
+    wall's longer side. Source: O'Toole et al., Nature 2018, eq. 4."""
     profile = np.maximum(transient.counts.sum(axis=(1, 2), dtype=np.float64), 0)
     brightest_s = float(transient.time.centres_s()[int(profile.argmax())])
-    return resolution_across_m(fwhm_s, transient.wall.width_m, brightest_s * SPEED_OF_LIGHT_M_PER_S / 2)
+    return resolution_across_m(fwhm_s, _widest_m(transient), brightest_s * SPEED_OF_LIGHT_M_PER_S / 2)
+
+
+def _widest_m(transient: Transient) -> float:
+    """A line of points up the wall sees as sharply as one across it."""
+    return max(transient.wall.width_m, transient.wall.height_m)
 
 
 def resolution_across_m(fwhm_s: float, wall_width_m: float, depth_m: float) -> float:

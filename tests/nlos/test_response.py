@@ -261,8 +261,9 @@ def test_only_a_response_too_slow_for_the_wall_is_called_slow(caplog: pytest.Log
     assert "is slow for this wall" in caplog.text
 
 
-def test_resolution_is_the_published_one() -> None:
-    wall, time = WallGrid(2.0, 2.0, 4, 4), TimeAxis(256, BIN_S)
+@pytest.mark.parametrize("size_m", [(2.0, 2.0), (0.01, 2.0)])
+def test_resolution_is_the_published_one(size_m: tuple[float, float]) -> None:
+    wall, time = WallGrid(*size_m, 4, 4), TimeAxis(256, BIN_S)
     counts = np.zeros((256, 4, 4), np.float32)
     at = round(2 * 1.0 / 299792458 / BIN_S)
     counts[at] = 1
