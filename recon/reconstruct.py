@@ -251,7 +251,8 @@ def check(transient: Transient) -> None:
     if total < 0:
         raise NoLight(
             f"the counts add up to {total:g}, below 0: there is no light above the background that was subtracted. "
-            "Check the background, or that these are counts."
+            "Check the background, that these are counts, and that hidden light comes within the time window, behind "
+            "the direct light."
         )
     if not (np.isfinite(transient.exposure_s).all() and (transient.exposure_s >= 0).all()):
         raise InvalidData("exposures must be finite and not negative; 0 marks a point as not measured.")
