@@ -21,8 +21,14 @@ _LEAN_S = 0.25e-9
 _SCALE, _SCALE_SIGMAS, _LEAST_S = 0.1, 5.0, 15e-12
 """Points to the side are farther away: by more than this part more or less, than the geometry says, at so many standard
 errors and by so much time in all, is another wall. A wall that leans makes a slope, which does not count."""
+_WALLS_PART = 1 / 3
+"""The wall's light scatters by less than this part of what a hidden surface's does."""
 _PART = 0.02
 """Of the direct light that first light found; less has another cause than a dimmer laser."""
+
+
+_Peak = tuple[int, float, float]
+"""Point, when its own direct peak came, and that time's error."""
 
 
 class DirectWatch:
@@ -38,8 +44,12 @@ class DirectWatch:
         self._sum = np.zeros(plan.axis.bins)
         self._first_s = float(self._seen_at_s.min())
         self._turned = TurnedAxes(plan, direct)
-        self._peaks: list[tuple[int, float, float]] = []
-        """Point, when its own direct peak came, and that time's error."""
+        rest_s = direct.period_s - plan.axis.bins * plan.axis.bin_width_s
+        self._whole = -0.5 * plan.axis.bin_width_s <= rest_s < _REACH_S
+        """Whether the window is the laser's period, so that late light of the pulse before begins it."""
+        self._peaks: list[_Peak] = []
+        self._round: list[_Peak] = []
+        """The same of a window that is a whole period, round it."""
 
     def look(self, sample: Sample) -> str:
         """What is wrong, in words; empty as long as nothing is known to be."""
@@ -56,8 +66,10 @@ class DirectWatch:
         shift = round((self._seen_at_s[sample.point.number] - self._first_s) / self._plan.axis.bin_width_s)
         counts = sample.histogram.counts
         self._sum[: len(counts) - shift] += counts[shift:]
-        if self._points < FIRST_POINTS and (peak := direct_peak(counts, self._plan.axis)) is not None:
-            self._peaks.append((sample.point.number, peak.time_s, peak.error_s))
+        if self._points < FIRST_POINTS:
+            for peaks, cyclic in ((self._peaks, False), (self._round, True))[: 1 + self._whole]:
+                if (peak := direct_peak(counts, self._plan.axis, cyclic)) is not None:
+                    peaks.append((sample.point.number, peak.time_s, peak.error_s))
         self._live_s += sample.histogram.live_time_s
         self._points += 1
         if self._points < FIRST_POINTS and self._points < len(self._plan):
@@ -71,16 +83,43 @@ class DirectWatch:
         peak = direct_peak(self._sum, axis)
         if peak is None:
             return self._missing()
-        off_s = peak.time_s - self._first_s
-        off_s -= round(off_s / self._direct.period_s) * self._direct.period_s
+        off_s = self._off_s(peak.time_s)
         self._found = abs(off_s) <= _REACH_S
+        if self._whole and (said := self._overtaken(peak.time_s)):
+            return said
         if self._found or not self._direct.delay_known:
             self._found = True
-            return self._scaled()
+            return self._scaled(self._peaks)
         return (
             f"direct light comes {off_s * 1e9:+.2f} ns from where it should: delay, wall distance or cables have "
             "changed since `nlos calibrate --first-light`"
         )
+
+    def _off_s(self, time_s: float) -> float:
+        off_s = time_s - self._first_s
+        return off_s - round(off_s / self._direct.period_s) * self._direct.period_s
+
+    def _overtaken(self, first_s: float) -> str:
+        """Of a whole period: whether the wall's light comes later than what the pulse before left at `first_s`."""
+        peak = direct_peak(self._sum, self._plan.axis, cyclic=True)
+        if peak is None or peak.time_s - first_s <= _REACH_S:
+            return ""
+        if self._direct.delay_known:
+            is_wall = abs(self._off_s(peak.time_s)) <= _REACH_S < abs(self._off_s(first_s))
+        else:
+            enough = min(len(self._round), len(self._peaks)) >= FIRST_POINTS - 2
+            is_wall = enough and self._scatter_s(self._round) < _WALLS_PART * self._scatter_s(self._peaks)
+        if not is_wall:
+            return ""
+        begin_ns = max(0.0, np.floor(peak.time_s * 1e9 - 1.0))
+        return (
+            f"light of the pulse before is recorded ahead of direct light, which comes at {peak.time_s * 1e9:.2f} ns: "
+            f"nothing looks for a hidden scene there. Set the scan file's histogram.offset_ns to {begin_ns:g}"
+        )
+
+    def _scatter_s(self, peaks: list[_Peak]) -> float:
+        """Of peaks about the times that the geometry says, but for an offset."""
+        return float(np.std([time_s - self._seen_at_s[number] for number, time_s, _ in peaks]))
 
     def _missing(self) -> str:
         """Silence is told from faintness by how much was to be expected."""
@@ -101,13 +140,13 @@ class DirectWatch:
             "`alarms: {expect_direct: false}` for a detector that is gated to leave it out"
         )
 
-    def _scaled(self) -> str:
+    def _scaled(self, peaks: list[_Peak]) -> str:
         """Whether points to the side are farther away by as much as the geometry says. An offset, which cables make,
         and slopes, which a leaning wall makes, are fitted beside it."""
-        if len(self._peaks) < FIRST_POINTS - 2:
+        if len(peaks) < FIRST_POINTS - 2:
             return ""
-        points = np.array([number for number, _, _ in self._peaks], np.int64)
-        came_s = np.array([time_s for _, time_s, _ in self._peaks])
+        points = np.array([number for number, _, _ in peaks], np.int64)
+        came_s = np.array([time_s for _, time_s, _ in peaks])
         late_s = came_s - self._seen_at_s[points]
         walls = np.abs(late_s - np.median(late_s)) < _LEAN_S
         if walls.sum() < len(points) / 2:
@@ -130,7 +169,7 @@ class DirectWatch:
             return ""
         left_s = came_s - design @ found
         width_s = float(np.sqrt((left_s**2).sum() / free))
-        width_s = max(width_s, 0.3 * self._plan.axis.bin_width_s, 2 * max(error_s for _, _, error_s in self._peaks))
+        width_s = max(width_s, 0.3 * self._plan.axis.bin_width_s, 2 * max(error_s for _, _, error_s in peaks))
         scale = float(found[0] / unit[0])
         error = width_s * float(np.sqrt(np.linalg.inv(design.T @ design)[0, 0])) / unit[0]
         off = abs(scale - 1)

@@ -116,6 +116,20 @@ def test_a_scan_whose_direct_light_is_not_where_it_should_be_stops_in_its_first_
         assert any(event.kind == "alarm" and "direct" in event.text for event in recording.events())
 
 
+@pytest.mark.parametrize("first_light", [None, {"delay_ns": 8.0}])
+def test_hidden_light_that_the_next_pulse_overtakes_is_not_taken_for_the_walls(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], first_light: dict[str, float] | None
+) -> None:
+    """A laser of 40 MHz and 8 ns of cable: direct light comes at 21.4 ns, hidden light from 25 ns on, which is 0."""
+    changes = {"laser.repetition_hz": 40e6, "simulation.scene.delay_ns": 8.0, "first_light": first_light}
+    bench = bench_file(tmp_path, changes)
+    for histogram, code in (("bins: 1560, bin_width_ps: 16", 5), ("bins: 1500, bin_width_ps: 16, offset_ns: 20", 0)):
+        target = tmp_path / f"{code}.h5"
+        assert run(["scan", scan_file(tmp_path, histogram), "--bench", bench, "-o", str(target)]) == code
+    assert "which comes at 21.3" in (said := capsys.readouterr().err)
+    assert "histogram.offset_ns to 20." in said
+
+
 @pytest.mark.parametrize("delay_ns", [None, 0.35, 0.9])
 def test_a_bench_that_is_as_it_was_goes_on(tmp_path: Path, delay_ns: float | None) -> None:
     changes = {} if delay_ns is None else {"first_light": {"delay_ns": delay_ns}}
