@@ -26,6 +26,8 @@ from nlos.recon.transport.resampling import LightConeResampling
 from nlos.recon.transport.virtual_wave import VirtualWave
 from nlos.recon.volume_method import VolumeMethod
 
+NEAREST = 128
+"""This part of the farthest depth away from the wall: closer planes see the light of the one point before them."""
 KEPT = 0.45  # of a wave's amplitude that a response must leave; 0.4 and 0.5 serve as well
 
 
@@ -44,7 +46,7 @@ class Settings(PhysicsSettings):
     planes: Annotated[int, Field(ge=2)] = 128
     """Depth planes of the exact propagator."""
     near_m: Annotated[float, Field(gt=0)] | None = None
-    """Depth of the first plane; the start of the time axis unless given."""
+    """Depth of the first plane; unless given one of `planes`, at most 128, parts of the last one's."""
     far_m: Annotated[float, Field(gt=0)] | None = None
     """Depth of the last plane; the end of the time axis unless given."""
 
@@ -72,10 +74,15 @@ class Camera(VolumeMethod):
         super().__init__()
         self.settings, self.time = settings, time
         bins_m = depths_m(time, "physical")
-        near_m = max(bins_m[0], bins_m[-1] / settings.planes) if settings.near_m is None else settings.near_m
+        first_m = max(bins_m[0], bins_m[-1] / min(settings.planes, NEAREST))
+        near_m = first_m if settings.near_m is None else settings.near_m
         far_m = bins_m[-1] if settings.far_m is None else settings.far_m
         if not near_m < far_m:
             raise InvalidSettings(f"near_m is {near_m:g} m and far_m {far_m:g} m; near must lie before far")
+        if far_m > (end_m := range_m(time, "physical")):
+            raise InvalidSettings(
+                f"far_m is {far_m:g} m, but light is looked at to {end_m:.4g} m: farther planes would show it once more"
+            )
         self.depths_m = np.linspace(near_m, far_m, min(settings.planes, time.bins))
         self.falloff = Falloff(time, settings.falloff)
         self.wall, self.wavelength_m = wall, _wavelength_m(settings, wall)

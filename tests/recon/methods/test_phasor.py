@@ -36,3 +36,11 @@ def test_a_slower_instrument_has_the_shortest_wave_that_it_leaves_standing() -> 
 
 def test_where_no_wave_that_fits_is_left_standing_it_is_the_longest_that_fits() -> None:
     assert wave_m(63) == pytest.approx(LONGEST_M)
+
+
+def test_more_planes_are_closer_together_but_not_closer_to_the_wall() -> None:
+    """A plane a few millimetres off shows the light of the one point before it, brighter than any scene."""
+    time = TimeAxis(512, 100e-12)
+    cameras = [build(Settings(planes=planes), WALL, time) for planes in (128, 512)]
+    assert all(isinstance(each, Camera) for each in cameras)
+    assert [each.depths_m[0] for each in cameras] == [pytest.approx(cameras[0].depths_m[-1] / 128)] * 2  # type: ignore[index]
