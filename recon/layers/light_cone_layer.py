@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData, InvalidSettings
 from nlos.recon.layers.counts import added
 from nlos.recon.layers.light_cone_inverse import LightConeInverse, undone
 from nlos.recon.transport.conventions import depths_m
@@ -32,14 +33,19 @@ class LightConeLayer(nn.Module):
         super().__init__()
         centres = depths_m(time, "physical")
         if centres[-1] <= nearest * wall.width_m:
-            raise ValueError(
-                f"the time axis ends {centres[-1]:.3g} m before the wall; a network for a wall of {wall.width_m:g} m "
+            raise InvalidData(
+                f"the time axis ends {centres[-1]:.3g} m from the wall; a network for a wall of {wall.width_m:g} m "
                 f"needs light from beyond {nearest * wall.width_m:.3g} m. Record a longer time axis."
             )
         self.slice = max(1, round(slice_widths * wall.width_m / (centres[1] - centres[0])))
         whole = time.bins // self.slice * self.slice
         slices = centres[:whole].reshape(-1, self.slice).mean(axis=1)
         chosen = np.flatnonzero((slices >= nearest * wall.width_m) & (slices <= farthest * wall.width_m))
+        if not chosen.size:
+            raise InvalidSettings(
+                f"farthest is {farthest:g} wall widths, {farthest * wall.width_m:.3g} m; a network looks from "
+                f"{nearest * wall.width_m:.3g} m on. Set it to more than {nearest:g}, far enough for the scene."
+            )
         self.first, self.last = int(chosen[0]) * self.slice, (int(chosen[-1]) + 1) * self.slice
         self.register_buffer("depths_m", torch.from_numpy(slices[chosen]).float(), persistent=False)
         relative = np.maximum(centres, 0) / centres[-1]

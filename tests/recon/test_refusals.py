@@ -89,6 +89,17 @@ def test_phasor_pulses_that_do_not_fit(transient: Transient) -> None:
     for near_m in (0.1, 0.2):
         with pytest.raises(InvalidSettings, match="near must lie before far"):
             reconstruct(transient, "phasor", {"wavelength_m": 0.05, "near_m": near_m, "far_m": 0.1})
+    with pytest.raises(InvalidSettings, match="far_m is 90 m, but light is looked at to"):
+        reconstruct(transient, "phasor", {"wavelength_m": 0.05, "far_m": 90})
+
+
+@pytest.mark.parametrize("method", ["lfe", "nlost", "unet"])
+def test_networks_that_would_look_nowhere(transient: Transient, method: str) -> None:
+    with pytest.raises(InvalidSettings, match="a network looks from"):
+        reconstruct(transient, method, {"farthest": 0.1})
+    short = replace(transient, time=TimeAxis(20, 30e-12))
+    with pytest.raises(InvalidData, match="Record a longer time axis"):
+        reconstruct(short, method)
 
 
 @pytest.mark.parametrize("method", [name for name in catalogue() if issubclass(find(name).Settings, PhysicsSettings)])
