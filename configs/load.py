@@ -52,6 +52,8 @@ def find(kind: Kind, word: str) -> Path:
     if path.name == word and path.suffix == "" and own.is_file():
         return own
     known, what = names(kind), called(kind) if kind == "train" else kind
+    if path.exists():
+        raise ConfigError(f"{word}: is {'a folder' if path.is_dir() else 'a pipe or device'}, not a {what} file.")
     raise ConfigError(
         f"{word}: no such file, and no {what} of that name.{_did_you_mean(word, known)} Known: {', '.join(known)}"
     )
@@ -174,7 +176,9 @@ def _mapping(node: yaml.MappingNode, place: Place, places: dict[Place, yaml.Mark
         mark = key_node.start_mark
         at = f"{name}:{mark.line + 1}:{mark.column + 1}"
         if not isinstance(key_node, yaml.ScalarNode) or key_node.tag != "tag:yaml.org,2002:str":
-            raise ConfigError(f"{at}: keys must be plain words (given {getattr(key_node, 'value', '?')!r})")
+            given = getattr(key_node, "value", "?")
+            hint = " If it is the end of a number: decimals follow a dot." if str(given).isdigit() else ""
+            raise ConfigError(f"{at}: keys must be plain words (given {given!r}).{hint}")
         key = str(key_node.value)
         if key in result:
             first = places[(*place, key)]
@@ -221,6 +225,8 @@ def _explain(error: dict[str, Any], data: Any, places: dict[Place, yaml.Mark], n
                 hint = " It is in quotes; leave them out."
         elif re.fullmatch(r"[-+]?[0-9]+,[0-9]+", given):
             hint = f" Decimals follow a dot: {given.replace(',', '.')}."
+        elif error["type"] in ("float_type", "int_type") and re.fullmatch(r"[-+]?[0-9.]+ *[a-zA-Zµ%]+", given):
+            hint = " Write the number alone: its unit is the one in the key's name."
         elif "expected" in error.get("ctx", {}):
             hint = _did_you_mean(given, [word.strip("' ") for word in str(error["ctx"]["expected"]).split(" or ")])
     return f"{name}:{mark.line + 1}:{mark.column + 1}: {key}: {message} (given {_shown(given)}).{hint}"

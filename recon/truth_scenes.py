@@ -55,6 +55,10 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
 
 def read_scene(path: Path) -> Scene | None:
     """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
+    if path.suffix.lower() in (".npz", ".npy", ".mat"):
+        raise InvalidData(
+            f"{path}: scenes with ground truth are read from HDF5 files; docs/howto/judging.md has their layout."
+        )
     try:
         with open_hdf5(path) as file:
             if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):

@@ -276,7 +276,7 @@ def _number(stored: StoredArrays, key: str, default: float | None = None, option
     remedy = f". {put_there(option)}" if option else ""
     if value is None:
         held = ", ".join(sorted({stored.place, *stored.beside, *stored.others})[:MOST_NAMED])
-        raise InvalidData(f"{stored.name}: {key} must be one finite number, and is not stored; there is {held}{remedy}")
+        raise InvalidData(f"{stored.name}: {key}, one finite number, is missing; the file holds {held}{remedy}")
     if value.size != 1 or value.dtype.kind not in "uifb" or not np.isfinite(value).all():
         raise InvalidData(f"{stored.name}: {key} must be one finite number (found {_shown(value)}){remedy}")
     return float(value.reshape(()))
@@ -288,7 +288,7 @@ def _flat(stored: StoredArrays, key: str, dimensions: int) -> npt.NDArray[np.flo
     if value is None:
         return None
     if value.dtype.kind not in "uifb" or value.size == 0:
-        raise InvalidData(f"{stored.name}: {key}: holds {value.dtype} {value.shape}, not numbers")
+        raise InvalidData(f"{stored.name}: {key}: holds {value.dtype} {value.shape}, not real numbers")
     values = value.astype(np.float64)
     one_line = sum(side > 1 for side in value.shape) <= 1
     return values.ravel() if one_line and (key in _ONE or dimensions == 2) else values

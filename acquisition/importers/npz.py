@@ -25,7 +25,7 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
         held = ", ".join(sorted((*arrays, *others))) or "nothing"
         raise InvalidData(f"{path}: no array 'histograms'; the file holds {held}. {how_to_convert()}")
     if counts.dtype.kind not in "uifb" or counts.size == 0:
-        raise InvalidData(f"{path}: histograms: holds {counts.dtype} {counts.shape}, not numbers")
+        raise InvalidData(f"{path}: histograms: holds {counts.dtype} {counts.shape}, not real numbers")
     return scan_of(StoredArrays(str(path), "NPZ", "histograms", counts, arrays, others), given)
 
 

@@ -32,6 +32,8 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
                 raise InvalidData(
                     f"{path}: holds a bench's constants, not a scan. Name the recording; constants go with --constants."
                 )
+            if {"albedo", "depth_m"} <= set(file.keys()):
+                raise InvalidData(f"{path}: is a reconstruction, not a scan. Name the recording that it was made from.")
             present = ", ".join(sorted(file.keys())[:12]) or "nothing"
             raise InvalidData(
                 f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}. "

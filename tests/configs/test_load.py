@@ -90,6 +90,8 @@ def test_a_number_that_yaml_reads_as_text_is_explained() -> None:
         ("shape:\n\tkind: circle\n", "demo.yaml:2:1", "Lines are indented by spaces"),
         ("dwell_ms: '1'\n", "demo.yaml:1:1: dwell_ms", "(given '1'). It is in quotes; leave them out."),
         ("dwell_ms: 1,5\n", "demo.yaml:1:1: dwell_ms", "Decimals follow a dot: 1.5."),
+        ("shape: {radius_m: 1,0, kind: circle}\n", "demo.yaml:1:21", "decimals follow a dot"),
+        ("dwell_ms: 4 ms\n", "demo.yaml:1:1: dwell_ms", "Write the number alone"),
         ("dwell_ms: 1.0\nname: no\n", "demo.yaml:2:1: name", "YAML takes no, off and false for False; a word"),
         ("- 1\n", "demo.yaml:1:1", "key: value"),
         ("", "demo.yaml:1:1", "empty"),

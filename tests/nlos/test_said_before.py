@@ -73,6 +73,22 @@ def test_no_format_is_answered_by_those_there_are(nlos: Nlos, taken: Path) -> No
     )  # fmt: skip
 
 
+def test_mistakes_of_a_first_day_are_called_what_they_are(nlos: Nlos, taken: Path, tmp_path: Path) -> None:
+    (tmp_path / "result").mkdir()
+    with h5py.File(tmp_path / "result" / "reconstruction.h5", "w") as file:
+        file["albedo"] = file["depth_m"] = [[0.0]]
+    for words, code, said in (
+        (("plan", "result"), 2, "result: is a folder, not a scan file"),
+        (("recon", str(taken)), 2, "did you mean 'reconstruct'?"),
+        (("status", str(taken)), 2, "run.h5: is a file; name the folder"),
+        (("runs", "--folder", str(taken)), 2, "run.h5: is a file; name the folder"),
+        (("reconstruct", "result/reconstruction.h5"), 7, "is a reconstruction, not a scan. Name the recording"),
+        (("reconstruct", str(taken), "--depth-m", "0,5:2"), 2, "decimals after a dot"),
+    ):
+        done = nlos(*words)
+        assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("words", "code"), [("0.5:", 0), (":0.5", 0), ("0.5", 2), (":", 2), ("1:0.5", 2)])
 def test_depths_are_open_at_either_end(nlos: Nlos, taken: Path, tmp_path: Path, words: str, code: int) -> None:

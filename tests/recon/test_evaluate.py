@@ -121,9 +121,12 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
         evaluate([scene], ["ltc"], ["transient"])
     with pytest.raises(InvalidData, match="does not exist"):
         evaluate([tmp_path / "none.h5"], ["lct"])
+    (tmp_path / "mine.npz").write_bytes(b"PK")
+    with pytest.raises(InvalidData, match="ground truth are read from HDF5 files"):
+        evaluate([tmp_path / "mine.npz"], ["lct"])
     with h5py.File(scene, "a") as file:
         del file.attrs["bin_width_s"]
-    with pytest.raises(NotAMeasurement, match="bin_width_s must be one finite number"):
+    with pytest.raises(NotAMeasurement, match="bin_width_s, one finite number, is missing; the file holds "):
         evaluate([scene], ["lct"], ["transient"])
 
 

@@ -71,7 +71,8 @@ class LazyVerbs(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         word = args[0] if args else ""
         if word and not word.startswith("-") and word not in VERBS:
-            near = difflib.get_close_matches(word, VERBS, n=1)
+            begun = [verb for verb in VERBS if len(word) > 2 and verb.startswith(word)]
+            near = begun if len(begun) == 1 else difflib.get_close_matches(word, VERBS, n=1)
             hint = f"did you mean '{near[0]}'?" if near else "`nlos --help` lists the verbs."
             raise UsageError(f"there is no verb '{word}'; {hint}")
         refuse_empty(args[1:])

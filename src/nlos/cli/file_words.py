@@ -61,7 +61,10 @@ def depths(words: str | None) -> tuple[float, float] | None:
     except ValueError:
         nearest_m, farthest_m = 0.0, -1.0
     if not 0 <= nearest_m < farthest_m <= FARTHEST_M:
-        raise UsageError(f"--depth-m {words}: NEAR:FAR in metres is expected, as 0.5:2, :2 or 0.5:")
+        raise UsageError(
+            f"--depth-m {words}: NEAR:FAR in metres is expected, as 0.5:2, :2 or 0.5: (the nearer first, decimals "
+            f"after a dot, at most {FARTHEST_M:g} m)"
+        )
     return nearest_m, farthest_m
 
 
@@ -72,5 +75,5 @@ def _sides(words: str) -> tuple[float, float]:
     except ValueError:
         sides = 0.0, 0.0
     if not all(0.001 <= side <= 100 for side in sides):
-        raise UsageError(f"--wall-size-m {words}: W or WxH in metres, 0.001 to 100, is expected, as 2 or 2x1.5")
+        raise UsageError(f"--wall-size-m {words}: W or WxH in metres, 0.001 to 100, is expected, as 2 or 2.5x1.5")
     return sides

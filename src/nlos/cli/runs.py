@@ -39,7 +39,8 @@ def runs(
     first; deleting it loses nothing."""
     where = folder or _data_folder() or Path()
     if not where.is_dir():
-        raise FileNotFoundError(f"{where}: no such folder")
+        what = "is a file; name the folder that it lies in" if where.exists() else "no such folder"
+        raise FileNotFoundError(f"{where}: {what}")
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
     if page is not None:

@@ -38,7 +38,8 @@ def status(
     Ctrl-C ends it."""
     where = folder or data_folder() or Path()
     if not where.is_dir():
-        raise FileNotFoundError(f"{where}: no such folder")
+        what = "is a file; name the folder that it lies in" if where.exists() else "no such folder"
+        raise FileNotFoundError(f"{where}: {what}")
     if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # what an address may hold
         raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
     state_folder()  # where there can be none, no page is ever made
