@@ -57,7 +57,7 @@ def read_scene(path: Path) -> Scene | None:
     """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
     if path.suffix.lower() in (".npz", ".npy", ".mat"):
         raise InvalidData(
-            f"{path}: scenes with ground truth are read from HDF5 files; docs/howto/judging.md has their layout."
+            f"{path}: scenes with ground truth are read from HDF5 files: histograms, gt_intensity, gt_depth and gt_mask."
         )
     try:
         with open_hdf5(path) as file:
