@@ -45,6 +45,8 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
         if not path.exists():
             raise InvalidData(f"{path} does not exist.")
         for file in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
+            if file.suffix.lower() in (".npz", ".npy"):
+                raise InvalidData(f"{file}: scenes with ground truth are read from HDF5 files alone. Save it as one.")
             check_isolated(file, "nlos.acquisition.importers.untrusted_hdf5:read_everything")
             scene = read_scene(file)
             if scene is None:
@@ -55,10 +57,6 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
 
 def read_scene(path: Path) -> Scene | None:
     """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
-    if path.suffix.lower() in (".npz", ".npy", ".mat"):
-        raise InvalidData(
-            f"{path}: scenes with ground truth are read from HDF5 files: histograms, gt_intensity, gt_depth and gt_mask."
-        )
     try:
         with open_hdf5(path) as file:
             if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):
