@@ -9,6 +9,12 @@ from nlos.drivers.link.port_owner import held_by
 def cannot_open(device: str, url: str, error: Exception, ports: Sequence[str]) -> DeviceError:
     """`ports`: those of this computer."""
     number, text = getattr(error, "errno", None), str(error)
+    if isinstance(error, NotImplementedError):  # pyserial's rfc2217:// could wait for ever in a write
+        return DeviceNotFound(
+            device,
+            f"{url} cannot be used: pyserial has no deadline for such a port ({text}).",
+            "Let the other computer offer the port as raw TCP at the device's baud rate and give socket://HOST:PORT.",
+        )
     if isinstance(error, ValueError) or number == 2 or "FileNotFoundError" in text:
         return DeviceNotFound(
             device,

@@ -29,7 +29,7 @@ WireLog = Callable[[str, str, bytes], None]
 """(device, ">" sent or "<" received, bytes)"""
 
 _MAX_MESSAGE = 256  # bytes; more without an end is no message
-_OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
+_OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, NotImplementedError, *_PORT_ERRORS)
 _SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
 _QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
 

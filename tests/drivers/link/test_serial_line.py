@@ -1,9 +1,13 @@
 """What a serial line answers, whatever the cable does to the bytes."""
 
+import socket
+import threading
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
-from serial import SerialException
+from serial import SerialException, serial_for_url
+from serial.rfc2217 import PortManager
 
 from nlos.drivers.clock import SystemClock
 from nlos.drivers.errors import DeviceBusy, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
@@ -140,6 +144,25 @@ def test_a_port_that_does_not_open_says_what_to_do(
 def test_a_port_that_does_not_exist_is_not_found(url: str) -> None:
     with pytest.raises(DeviceNotFound, match="Ports of this computer"):
         SerialLine.open("galvo", url, SystemClock(), baud=9600, timeout_s=0.1, resynchronise=prove)
+
+
+@pytest.mark.filterwarnings("ignore:set:DeprecationWarning")  # pyserial's own thread
+def test_a_port_without_a_write_deadline_is_refused_by_name() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def share_a_port() -> None:
+            connection, _ = server.accept()
+            with connection, serial_for_url("loop://") as shared:
+                manager = PortManager(shared, SimpleNamespace(write=connection.sendall))
+                while data := connection.recv(1024):
+                    list(manager.filter(data))
+
+        sharing = threading.Thread(target=share_a_port, daemon=True)
+        sharing.start()
+        url = f"rfc2217://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(DeviceNotFound, match=r"rfc2217://.* cannot be used.*no deadline.*raw TCP.*socket://"):
+            SerialLine.open("galvo", url, SystemClock(), baud=9600, timeout_s=1.0, resynchronise=prove)
+        sharing.join(10.0)
 
 
 def test_words_nobody_asked_for_are_thrown_away_before_the_next_command(dark_bench: Bench) -> None:
