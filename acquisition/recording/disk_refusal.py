@@ -28,6 +28,7 @@ _REMEDIES = {
     getattr(errno, "EDQUOT", errno.ENOSPC): _MAKE_ROOM,
     errno.EFBIG: "Its file system, or a limit of this session (ulimit -f), takes no file that large: choose another "
     "place with -o, or write less into one file.",
+    errno.ENAMETOOLONG: "Choose a shorter one.",
     errno.EMFILE: _OPEN,
     errno.ENFILE: _OPEN,
 }

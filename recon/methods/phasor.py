@@ -1,12 +1,12 @@
 """Phasor field: a virtual camera behind the wall, focused on every voxel; good with noise and clutter."""
 
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
@@ -50,9 +50,24 @@ class Settings(PhysicsSettings):
     far_m: Annotated[float, Field(gt=0)] | None = None
     """Depth of the last plane; the end of the time axis unless given."""
 
+    @model_validator(mode="after")
+    def _planes_are_the_exact_propagators(self) -> Self:
+        given = [name for name in ("near_m", "far_m") if getattr(self, name) is not None]
+        if given and self.on_the_light_cone:
+            raise ValueError(
+                f"{' and '.join(given)}: planes of the exact propagator (variant rsd, conventions physical), not of "
+                "the light cone. Choose its depths with --depth-m NEAR:FAR"
+            )
+        return self
+
+    @property
+    def on_the_light_cone(self) -> bool:
+        """Whether it is the approximation, which the authors' conventions use."""
+        return self.variant == "light_cone" or self.conventions == "authors"
+
     def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Of the exact propagator: every frequency's padded wall three times over, and a plane's kernels a thread."""
-        if self.variant == "light_cone" or self.conventions == "authors":
+        if self.on_the_light_cone:
             return 10 * cube_bytes(wall, time)
         count = len(frequencies_per_m(time, _wavelength_m(self, wall), _cycles(self)))
         kernels = 8 * wall.rows * wall.cols * count  # of one plane: a quarter of the padded wall
@@ -61,7 +76,7 @@ class Settings(PhysicsSettings):
 
     def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """Longer waves need fewer frequencies."""
-        if self.variant == "light_cone" or self.conventions == "authors":
+        if self.on_the_light_cone:
             return super().smaller(wall, time, free)
         longer = [self.model_copy(update={"wavelength_m": _wavelength_m(self, wall) * k}) for k in (2, 4, 8)]
         return {f"wavelength_m={other.wavelength_m:g}": other.bytes_needed(wall, time) for other in longer}
@@ -81,7 +96,8 @@ class Camera(VolumeMethod):
             raise InvalidSettings(f"near_m is {near_m:g} m and far_m {far_m:g} m; near must lie before far")
         if far_m > (end_m := range_m(time, "physical")):
             raise InvalidSettings(
-                f"far_m is {far_m:g} m, but light is looked at to {end_m:.4g} m: farther planes would show it once more"
+                f"far_m is {far_m:g} m, but light is looked at to {end_m:.4g} m: farther planes would show it once "
+                f"more. Take no more, or add --depth-m :{far_m:g} where the recording reaches as far."
             )
         self.depths_m = np.linspace(near_m, far_m, min(settings.planes, time.bins))
         self.falloff = Falloff(time, settings.falloff)
@@ -146,7 +162,7 @@ def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
             f"a pulse of {_cycles(settings):g} cycles of {wavelength_m:g} m is longer than the time axis, {path_m:g} m "
             "of light path. Choose a smaller wavelength_m or fewer cycles."
         )
-    lightcone = settings.variant == "light_cone" or settings.conventions == "authors"
+    lightcone = settings.on_the_light_cone
     return LightConeCamera(settings, wall, time) if lightcone else Camera(settings, wall, time)
 
 

@@ -137,6 +137,8 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
 
     shown = getattr(error, "show", None)
     if callable(shown) and hasattr(error, "exit_code"):
+        if isinstance(said := getattr(error, "message", None), str):
+            error.message = said.replace("Value error, ", "")  # type: ignore[attr-defined]  # pydantic's own words
         shown()
         return ended(str(error), error, int(error.exit_code))
     if type(error).__name__ == "Exit" and hasattr(error, "exit_code"):

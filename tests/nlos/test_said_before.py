@@ -84,6 +84,13 @@ def test_mistakes_of_a_first_day_are_called_what_they_are(nlos: Nlos, taken: Pat
         (("runs", "--folder", str(taken)), 2, "run.h5: is a file; name the folder"),
         (("reconstruct", "result/reconstruction.h5"), 7, "is a reconstruction, not a scan. Name the recording"),
         (("reconstruct", str(taken), "--depth-m", "0,5:2"), 2, "decimals after a dot"),
+        (
+            ("import", str(taken), "-o", "i.h5", "--bin-width-ps", "3e-11"),
+            2,
+            "--bin-width-ps 3e-11: picoseconds are expected, 0.1",
+        ),
+        (("schema", "demo"), 2, "queue|defaults|train}': 'demo' is not one of 'scan', "),
+        (("plan", 300 * "a"), 2, "File name too long. Choose a shorter one."),
     ):
         done = nlos(*words)
         assert (done.returncode, said in done.stderr) == (code, True), done.stderr

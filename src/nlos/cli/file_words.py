@@ -13,7 +13,7 @@ WallSize = Annotated[
 ]
 BinWidth = Annotated[
     float | None,
-    typer.Option("--bin-width-ps", min=0.1, max=1e6, help="Width of a time bin, for files that do not store it."),
+    typer.Option("--bin-width-ps", help="Width of a time bin, for files that do not store it."),
 ]
 Axes = Annotated[
     str | None,
@@ -47,6 +47,8 @@ def given(
 ) -> Given:
     """What the options say. Raises `UsageError`."""
     wall_m = None if wall_size_m is None else _sides(wall_size_m)
+    if bin_width_ps is not None and not 0.1 <= bin_width_ps <= 1e6:
+        raise UsageError(f"--bin-width-ps {bin_width_ps:g}: picoseconds are expected, 0.1 to 1000000")
     return Given(wall_m, None if bin_width_ps is None else bin_width_ps * 1e-12, axes, rectified, detector)
 
 

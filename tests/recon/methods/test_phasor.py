@@ -6,6 +6,7 @@ import torch
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidSettings
 from nlos.recon.methods.phasor import KEPT, Camera, Settings, build
 
 WALL, TIME = WallGrid(0.4, 0.4, 8, 8), TimeAxis(64, 100e-12)
@@ -44,3 +45,10 @@ def test_more_planes_are_closer_together_but_not_closer_to_the_wall() -> None:
     cameras = [build(Settings(planes=planes), WALL, time) for planes in (128, 512)]
     assert all(isinstance(each, Camera) for each in cameras)
     assert [each.depths_m[0] for each in cameras] == [pytest.approx(cameras[0].depths_m[-1] / 128)] * 2  # type: ignore[index]
+
+
+def test_planes_are_not_asked_of_where_there_are_none() -> None:
+    with pytest.raises(ValueError, match=r"near_m and far_m: planes of the exact .* with --depth-m NEAR:FAR"):
+        Settings(variant="light_cone", near_m=0.5, far_m=2.0)
+    with pytest.raises(InvalidSettings, match=r"far_m is 9 m, but light is looked at to .* add --depth-m :9"):
+        build(Settings(far_m=9), WALL, TimeAxis(512, 100e-12))
