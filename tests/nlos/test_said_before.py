@@ -89,7 +89,7 @@ def test_mistakes_of_a_first_day_are_called_what_they_are(nlos: Nlos, taken: Pat
             2,
             "--bin-width-ps 3e-11: picoseconds are expected, 0.1",
         ),
-        (("schema", "demo"), 2, "queue|defaults|train}': 'demo' is not one of 'scan', "),
+        (("schema", "demo"), 2, "train': 'demo' is not one of 'scan', "),
         (("plan", 300 * "a"), 2, "File name too long. Choose a shorter one."),
     ):
         done = nlos(*words)
