@@ -91,7 +91,7 @@ def test_a_series_whose_bench_may_have_no_light_is_not_begun(
     (tmp_path / "other.yaml").write_text(find("bench", "zero_latency").read_text())
     queue = series_of_two(tmp_path)
     content = yaml.safe_load(queue.read_text())
-    content["runs"][1]["bench"] = "other.yaml"
+    content["runs"][1]["bench"], content["folder"] = "other.yaml", "nights/first"
     queue.write_text(yaml.safe_dump(content))
     TripLatch.of_bench(load_bench(str(tmp_path / "other.yaml")).settings).trip("too bright")
     held = sorted(tmp_path.iterdir())
@@ -99,7 +99,7 @@ def test_a_series_whose_bench_may_have_no_light_is_not_begun(
         assert run(["queue", str(queue), *asked]) == 4
         said = capsys.readouterr().err
         assert "--clear-trip" in said
-        assert "in run 2-few; no scan of the series has begun" in said
+        assert "in run 2-few; this command has begun no scan" in said
         assert sorted(tmp_path.iterdir()) == held, "not even the folder that was asked for"
 
 

@@ -67,7 +67,7 @@ class Series:
 def carry_out(series: Series) -> int:
     """Everything that is still to do; returns the exit code: 5 where an alarm left a scan as it is. Raises what ends
     the series: it resumes from there when it is carried out again."""
-    own = not series.folder.exists()
+    own = [each for each in (series.folder, *series.folder.parents) if not each.exists()]
     try:
         series.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -89,9 +89,9 @@ def carry_out(series: Series) -> int:
         return _ended(series, journal, failed)
     finally:
         lock.release()
-        if own:
-            with suppress(OSError):  # refused before there was anything to keep, or not empty
-                series.folder.rmdir()
+        with suppress(OSError):  # refused before there was anything to keep, or not empty
+            for each in own:
+                each.rmdir()
 
 
 def forecast(series: Series) -> None:
