@@ -47,12 +47,18 @@ def structs_of(path: Path) -> list[str]:
     with open_hdf5(path) as file:
         here = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
         groups = {name: file[name] for name in here if isinstance(file[name], h5py.Group) and not name.startswith("#")}
-        return [
+        cells = [f"{name} (a cell)" for name in here if isinstance(file[name], h5py.Dataset) and _is_cell(file[name])]
+        return cells + [
             f"{name} (sparse: save full({name}))"
             if "MATLAB_sparse" in each.attrs
             else f"{name} (a struct: {', '.join(list(each)[:MOST_NAMED])})"
             for name, each in groups.items()
         ]
+
+
+def _is_cell(dataset: h5py.Dataset) -> bool:
+    """Whether an array of version 7.3 is one of references, as MATLAB stores a cell."""
+    return h5py.check_ref_dtype(dataset.dtype) is not None
 
 
 def shapes_of(path: Path) -> dict[str, tuple[int, ...]]:
@@ -71,6 +77,7 @@ def shapes_of(path: Path) -> dict[str, tuple[int, ...]]:
 
 
 _NO_NUMBERS = ("struct", "cell", "sparse", "object", "function", "char")
+_CELL = "is a cell array. Save the numbers in it, such as {}{{1}}"
 _BROKEN = (
     ArithmeticError,
     AttributeError,
@@ -96,6 +103,8 @@ def read_variable(path: Path, key: str, shapes: dict[str, tuple[int, ...]], kind
                 raise InvalidData(f"{path}: {key}: is not an array")
             if dataset.attrs.get("MATLAB_empty"):  # what is stored then is its shape
                 raise InvalidData(f"{path}: {key}: is empty")
+            if _is_cell(dataset):
+                raise InvalidData(f"{path}: {key}: {_CELL.format(key)}")
             return read_array(dataset, len(dataset.shape or ())).T
     size = int(np.prod([int(n) for n in shapes[key]], dtype=object)) * 8
     # zlib expands at most about 1032 times, so a header that promises more than that is a lie.
@@ -124,5 +133,5 @@ def _instead_of_numbers(held: object, key: str) -> str:
         fields = ", ".join(held.dtype.names[:MOST_NAMED])
         return f"is a struct of {fields}. Save its fields: save(FILE, '-struct', '{key}')"
     if held.dtype.kind == "O":
-        return f"is a cell array. Save the numbers in it, such as {key}{{1}}"
+        return _CELL.format(key)
     return "is empty" if held.size == 0 else "is text, not numbers"

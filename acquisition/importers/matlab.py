@@ -93,7 +93,12 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     _refuse_other_shapes(path, shapes, layout, (width_s or given.bin_width_s, longer_m or given.wall_m), given.axes)
     counts = without_single_axes(read_variable(path, layout.key, shapes))
     if counts.ndim != 3:
-        raise InvalidData(f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected")
+        frames = (
+            "" if counts.ndim < 4 else f". Several frames? Save one: {layout.key} = squeeze({layout.key}(1, :, :, :))"
+        )
+        raise InvalidData(
+            f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected{frames}"
+        )
     counts = given.ordered(counts, f"{path}: {layout.key}")
     x_first = given.axes is not None and given.axes.upper().translate(_H_AND_W) in ("XYT", "XTY", "TXY")
     notes = ["exposure is not stored; assuming 1 s per point"]

@@ -251,3 +251,20 @@ def test_counts_of_no_published_shape_are_not_given_a_published_scans_bins(
         read_matlab(tmp_path / "lab.mat", Given(axes=axes))
     told = Given(wall_m=(0.6, 0.6), bin_width_s=16e-12, axes=axes or "YXT")
     assert read_matlab(tmp_path / "lab.mat", told).transient.time.bin_width_s == 16e-12
+
+
+def test_cells_of_version_73_and_several_frames_are_told_what_to_save(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "scan.mat", "w", userblock_size=512) as file:
+        file["#refs#/a"] = COUNTS.T
+        file.create_dataset("scans", data=[[file["#refs#/a"].ref]], dtype=h5py.ref_dtype)
+    with pytest.raises(InvalidData, match=r"the file holds scans \(a cell\)\. "):
+        read_matlab(tmp_path / "scan.mat")
+    with h5py.File(tmp_path / "scan.mat", "a") as file:
+        file.move("scans", "histograms")
+    with pytest.raises(
+        InvalidData, match=r"histograms: is a cell array\. Save the numbers in it, such as histograms\{1\}"
+    ):
+        read_matlab(tmp_path / "scan.mat")
+    savemat(tmp_path / "frames.mat", {"meas": np.stack(4 * [COUNTS])})
+    with pytest.raises(InvalidData, match=r"meas: has shape .*Save one: meas = squeeze\(meas\(1, :, :, :\)\)"):
+        read_matlab(tmp_path / "frames.mat")
