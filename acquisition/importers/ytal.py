@@ -39,7 +39,13 @@ def read_ytal(path: Path) -> ImportedScan:
                 "confocal or of one laser point, and T_Lx_Ly_Sx_Sy (2). Write its points as a grid (X_Y_3), or the "
                 "pairs that were measured as a list."
             )
-        counts = read_array(needed_dataset(file, "H"), {_T_SX_SY: 3, _T_LX_LY_SX_SY: 5, _T_SI: 2}[int(kind)])
+        stored, expected = needed_dataset(file, "H"), {_T_SX_SY: 3, _T_LX_LY_SX_SY: 5, _T_SI: 2}[int(kind)]
+        if len(stored.shape or ()) == expected + 1 and stored.shape[-1] == 4:
+            raise InvalidData(
+                f"{path}: H: has shape {stored.shape}: a polarised capture, of four Stokes components? Write the first "
+                "alone, which is the intensity: H[..., 0]"
+            )
+        counts = read_array(stored, expected)
         axes = 2 if kind == _T_SI else 3
         sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), axes).astype(np.float64)
         lasers = read_array(needed_dataset(file, "laser_grid_xyz"), axes).astype(np.float64)

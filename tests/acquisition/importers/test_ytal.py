@@ -94,3 +94,8 @@ def test_zaragoza_orders_are_all_read(tmp_path: Path, order: str, sides: tuple[i
     scan = read_any(tmp_path / "capture.hdf5")
     assert np.argwhere(scan.transient.counts).tolist() == [[2, rows - 2, cols - 1]]
     assert not scan.rectified
+
+
+def test_a_polarised_capture_is_told_what_to_write(tmp_path: Path) -> None:
+    with pytest.raises(InvalidData, match=r"H: has shape \(6, 4, 3, 4\): a polarised capture.*H\[\.\.\., 0\]"):
+        read_any(write(tmp_path / "capture.hdf5", H=np.zeros((T, X, Y, 4), np.float32)))
