@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import math
 import os
 import re
 import secrets
@@ -61,7 +62,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         fresh.unlink(missing_ok=True)
         size = points * (bins * 4 + RECORD.itemsize)
         raise StorageError(
-            f"{target}: cannot reserve {size / 1e6:.0f} MB for {points} points of {bins} bins ({error}). "
+            f"{target}: cannot reserve {math.ceil(size / 1e5) / 10} MB for {points} points of {bins} bins ({error}). "
             f"{remedy(error)}"
         ) from error
     return fresh
