@@ -125,7 +125,8 @@ def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
     if needed + least_free > free:
         beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""
         raise StorageError(
-            f"{path}: the recording needs {needed / 1e6:.0f} MB{beside}, the disk has {free / 1e6:.0f} MB left. "
+            f"{path}: the recording needs {math.ceil(needed / 1e5) / 10} MB{beside}, "
+            f"the disk has {free // 1e5 / 10} MB left. "
             "Free disk space, choose another place with -o, or "
             f"{'set alarms.min_free_mb lower' if needed == 0 else 'plan fewer points or bins'}."
         )

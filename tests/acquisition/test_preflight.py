@@ -55,7 +55,10 @@ def test_a_disk_is_large_enough_to_the_last_byte(
         if spare == 0:
             check_disk(plan, run_path, least_free)
             continue
-        with pytest.raises(StorageError, match=r"50 MB free beside it .* set alarms" if there else "plan fewer points"):
+        with pytest.raises(
+            StorageError,
+            match=r"50 MB free beside it .* has 49.9 MB left.* set alarms" if there else "plan fewer points",
+        ):
             check_disk(plan, run_path, least_free)
 
 

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from math import ceil
 from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
@@ -16,6 +17,6 @@ def check_room(folder: Path, coming: Sequence[tuple[Path, Forecast]]) -> None:
     free = shutil.disk_usage(there).free
     if needed > free:
         raise StorageError(
-            f"{folder}: the series needs {needed / 1e6:.0f} MB, there are {free / 1e6:.0f} MB. Free disk space, "
-            "or name another `folder`."
+            f"{folder}: the series needs {ceil(needed / 1e5) / 10} MB, there are {free // 1e5 / 10} MB. "
+            "Free disk space, or name another `folder`."
         )
