@@ -106,6 +106,18 @@ def test_what_cannot_be_reconstructed_is_refused_before_anything_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_memory_that_holds_no_method_ends_no_scan_as_if_there_were_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(name: str) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("nlos.cli.scan.find", refused)
+    assert run(["scan", "demo", "-o", str(tmp_path / "run.h5"), "--reconstruct", "lct"]) == 2
+    assert "--reconstruct lct: the memory does not hold the method; nothing was measured" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_version_is_told_everywhere() -> None:
     assert nlos("scan", "--version").stdout.startswith("nlos ")
     assert json.loads(nlos("--json", "--version").stdout) == {"version": nlos("--version").stdout.split()[1]}
