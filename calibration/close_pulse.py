@@ -1,6 +1,7 @@
 """A second pulse so close behind the direct one that they overlap: a laser that pulses twice, or light thrown back in
 the optics. It is the same share of the direct light at every point; light of a scene so near the wall is not."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,10 +75,9 @@ def close_pulse(counts: Counts, smooth: Floats, between: tuple[int, int], bin_wi
     return ClosePulse((top - peak) * bin_width_s, low + 1, float(as_high))
 
 
-def doubt_close_pulse(found: ClosePulse | None, second: SecondPulse | None) -> None:
-    """Says where it is and what is done about it, unless it is the `second` pulse, of which that is said already."""
-    taken_s = second.lag_s if second is not None and second.even else np.inf
-    if found is not None and not (second and abs(found.lag_s - taken_s) < second.response.fwhm_s()):
+def doubt_close_pulse(found: ClosePulse | None, taken: Sequence[SecondPulse]) -> None:
+    """Says where it is and what is done about it, unless it is one of those `taken` out, which are told already."""
+    if found is not None and not any(each.is_at(found.lag_s) for each in taken):
         warn(
             "a second pulse comes %.2f ns behind the direct one, at every point about %.2g %% as bright: a laser that "
             "pulses twice, or light thrown back between lens and detector. It is masked with the direct light; what is "

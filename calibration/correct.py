@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
@@ -17,6 +17,7 @@ from nlos.calibration.background import Background, before_pulse, in_stretch, su
 from nlos.calibration.by_blocks import chosen, some_at_a_time
 from nlos.calibration.close_pulse import ClosePulse, doubt_close_pulse
 from nlos.calibration.constants import BenchConstants
+from nlos.calibration.correction_report import Report, report_of
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from nlos.calibration.errors import NoDirectPeak
@@ -31,10 +32,11 @@ from nlos.calibration.wall_brightness import HiddenLight, doubt_wall_brightness,
 from nlos.calibration.without_second_pulse import without_second_pulse
 
 Floats = npt.NDArray[np.float64]
+MOST_PULSES = 4
+"""So many second pulses are taken out; of more, the laser is the one to mend."""
 LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
 log = logging.getLogger(__name__)
-Report = dict[str, float | int | list[float] | None]
 
 
 @dataclass(frozen=True)
@@ -52,41 +54,20 @@ class CorrectedPoints:
     background: Background
     beyond: float = 0.0
     """Light (counts) that is not used: after the last bin of `time`, at points that recorded longer."""
-    second: SecondPulse | None = None
-    """A second pulse that was taken out."""
+    pulses: tuple[SecondPulse, ...] = ()
+    """Second pulses that were taken out."""
     light: Floats | None = None
     """(N,); how bright hidden light is for the wall's sake, where exposures were multiplied by it."""
 
     def known(self, offset_bins: Floats) -> KnownDirect:
         """What single frames of the same points are told."""
         told = self.background.stretch, self.direct.close_end_bin()
-        return KnownDirect(offset_bins, self.second, self.light, *told)
+        return KnownDirect(offset_bins, self.pulses, self.light, *told)
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
-        offsets, width = self.offsets, self.time.bin_width_s
-        wall = offsets.wall if offsets else None
-        rms_s = offsets.rms_bins * width if offsets and wall else None
-        measured = self.exposure_s > 0
-        return {
-            "points": int(measured.sum()),
-            "points_without_direct_peak": int((~offsets.found & measured).sum()) if offsets else None,
-            "points_off_the_wall_fit": int((offsets.stray & measured).sum()) if offsets and wall else None,
-            "offset_rms_bins": offsets.rms_bins if offsets and wall else None,
-            "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
-            "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
-            "arrivals_known": offsets is None,
-            "points_at_the_start": int((offsets.cut & measured).sum()) if offsets else None,
-            "off_the_drawing": offsets.off_the_drawing if offsets else None,
-            "on_a_plane": offsets.on_a_plane if offsets and wall else None,
-            "arrival_spread_bins": float(np.std(offsets.measured_bins[offsets.found])) if offsets else None,
-            "scanner_position_m": [float(v) for v in wall.scanner_position_m] if wall else None,
-            "electronic_delay_ns": wall.delay_s * 1e9 if wall else None,
-            "response_fwhm_ps": offsets.response.fwhm_s() * 1e12 if offsets else None,
-            "direct_masked_ns": self.direct.end_bin * width * 1e9,
-            "direct_tail_ps": self.direct.decay_bins * width * 1e12,
-            "background_per_bin": float(np.mean(self.background.per_bin)),
-        }
+        width_s = self.time.bin_width_s
+        return report_of(self.offsets, self.exposure_s > 0, self.direct, self.background, width_s)
 
 
 @dataclass(frozen=True)
@@ -146,13 +127,11 @@ def correct_points(
     background = before_pulse(counts, dark_end) if ambient is None else in_stretch(counts, begin, ambient)
     timed = _Timed(counts, variance, arrival, background, offsets)
     done = _finish(raw, timed, remove_direct=remove_direct)
-    second = None if known is None else known.second
+    if known is not None and known.pulses:
+        done = _without(raw, timed, known.pulses, done.direct.close)
     if offsets is not None and remove_direct:
-        doubt_second_pulse(second := _second_pulse(done, raw, timed, offsets))
-    if second is not None and second.even:
-        done = _without(raw, timed, second, done.direct.close)
-    if offsets is not None:
-        doubt_close_pulse(done.direct.close, second)
+        done = _without_any(raw, timed, done, offsets)
+        doubt_close_pulse(done.direct.close, done.pulses)
     if known is not None:
         return _as_whole(done, known, known.close_end_bin if remove_direct else 0)
     return done if offsets is None or not remove_direct else _evened(done, offsets, raw)
@@ -255,22 +234,43 @@ def _finish(
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
 
 
+def _without_any(raw: RawPoints, timed: _Timed, done: CorrectedPoints, offsets: TimeOffsets) -> CorrectedPoints:
+    """The same without second pulses, the clearest first, until one is no bench's or is what another left."""
+    while len(done.pulses) < MOST_PULSES:
+        found = _second_pulse(done, raw, timed, offsets)
+        if found is None or any(each.is_at(found.lag_s) for each in done.pulses):
+            break
+        doubt_second_pulse(found)
+        if not found.even:
+            break
+        done = _without(raw, timed, (*done.pulses, found), done.direct.close)
+    return done
+
+
 def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets: TimeOffsets) -> SecondPulse | None:
     """That of `done`; one that is masked there where it can be taken out: so can what it shows once more."""
-    if done.direct.close is not None:
-        bare = _finish(raw, timed, mask_close=False)
+    if done.direct.close is not None and not any(each.is_at(done.direct.close.lag_s) for each in done.pulses):
+        bare = _finish(raw, _less(timed, done.pulses), mask_close=False)
         close = second_pulse(bare.counts, bare.variance, offsets, raw.x_m, raw.y_m)
         if close is not None and close.even:
             return close
     return second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m)
 
 
-def _without(raw: RawPoints, timed: _Timed, second: SecondPulse, close: ClosePulse | None) -> CorrectedPoints:
-    """`_finish` without a second pulse. What is masked as `close`, which may be what is left of it, stays so."""
-    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, second)
-    done = _finish(raw, replace(timed, counts=counts, variance=variance))
+def _less(timed: _Timed, pulses: tuple[SecondPulse, ...]) -> _Timed:
+    if not pulses:
+        return timed
+    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, pulses)
+    return replace(timed, counts=counts, variance=variance)
+
+
+def _without(
+    raw: RawPoints, timed: _Timed, pulses: tuple[SecondPulse, ...], close: ClosePulse | None
+) -> CorrectedPoints:
+    """`_finish` without second pulses. What is masked as `close`, which may be what is left of one, stays so."""
+    done = _finish(raw, _less(timed, pulses))
     close = max(filter(None, (close, done.direct.close)), key=lambda each: each.end_bin, default=None)
-    done = replace(done, second=second, direct=replace(done.direct, close=close))
+    done = replace(done, pulses=pulses, direct=replace(done.direct, close=close))
     return _masked(done, done.direct.close_end_bin())
 
 

@@ -14,8 +14,8 @@ class KnownDirect:
 
     offset_bins: npt.NDArray[np.float64]
     """When it comes, in bins after the start of the record: (N,), or (H, W) of a grid."""
-    second: SecondPulse | None = None
-    """One that comes again behind it, and is taken out."""
+    pulses: tuple[SecondPulse, ...] = ()
+    """Those that come again behind it, and are taken out."""
     light: npt.NDArray[np.float64] | None = None
     """(N,); what exposures are multiplied by, as `CorrectedPoints.light`."""
     ambient: tuple[int, int] | None = None

@@ -54,6 +54,10 @@ class SecondPulse:
     """What it looks like, as the direct one."""
     bin_width_s: float
 
+    def is_at(self, lag_s: float) -> bool:
+        """Whether what comes so late is this one, or what is left of it."""
+        return abs(self.lag_s - lag_s) < self.response.fwhm_s()
+
 
 @dataclass(frozen=True)
 class _Fit:

@@ -2,7 +2,8 @@
 
 import logging
 
-from nlos.calibration.correct import CorrectedPoints, Report
+from nlos.calibration.correct import CorrectedPoints
+from nlos.calibration.correction_report import Report
 from nlos.light_left_out import tell_of_light_left_out
 from nlos.said_once import Tell
 

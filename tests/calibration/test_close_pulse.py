@@ -175,16 +175,15 @@ def test_frames_of_few_photons_are_masked_as_far_as_their_whole_scan_is() -> Non
     assert not frame.counts[:, : whole.direct.end_bin].any()
 
 
-def test_one_that_is_masked_is_told_beside_a_later_one_that_is_taken_out(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_close_one_a_later_one_and_their_product_are_taken_out_together(caplog: pytest.LogCaptureFixture) -> None:
     once = scan((0.6, 0.3), 1.5e-9, 0.2)
     counts = once.counts.astype(np.int64)
     counts[:, 16:] += np.random.default_rng(5).binomial(once.counts[:, :-16].astype(np.int64), 0.1)  # 0.256 ns later
     with caplog.at_level(logging.WARNING):
         done = correct_points(replace(once, counts=counts))
-    assert done.second is not None
-    assert done.second.lag_s == pytest.approx(1.5e-9, abs=5e-12)
-    assert done.direct.close is not None
-    assert done.direct.end_bin == done.direct.close.end_bin
-    assert "It is taken out" in caplog.text
-    assert "0.26 ns behind the direct one" in caplog.text
-    assert "It is masked with the direct light" in caplog.text
+    taken = sorted((each.lag_s, each.share) for each in done.pulses)
+    lags_s, shares = np.transpose(taken)
+    np.testing.assert_allclose(lags_s, [0.256e-9, 1.5e-9, 1.756e-9], atol=1e-11)
+    np.testing.assert_allclose(shares, [0.1, 0.2, 0.02], rtol=0.05)
+    assert caplog.text.count("It is taken out") == 3
+    assert "It is masked with the direct light" not in caplog.text

@@ -108,8 +108,8 @@ def test_a_second_pulse_is_taken_out_with_what_it_shows_once_more(
     with caplog.at_level(logging.WARNING):
         done = correct_points(scan(1.0, (0.7, 0.3), (lag_ns * 1e-9, percent / 100)))
     assert "taken out" in caplog.text
-    assert done.second is not None
-    assert done.second.lag_s == pytest.approx(lag_ns * 1e-9, abs=2e-12)
+    [taken] = done.pulses
+    assert taken.lag_s == pytest.approx(lag_ns * 1e-9, abs=2e-12)
     pulse, again = DIRECT * percent / 100, HIDDEN * percent / 100
     assert abs(about(done, lag_ns) - about(once, lag_ns)) < 0.01 * pulse + 3 * np.sqrt(pulse / len(done.counts))
     assert about(done, hidden_ns, 0.7) == pytest.approx(about(once, hidden_ns, 0.7), abs=0.03 * HIDDEN + 0.01 * pulse)
@@ -119,28 +119,29 @@ def test_a_second_pulse_is_taken_out_with_what_it_shows_once_more(
 def test_frames_of_a_scan_are_without_its_second_pulse() -> None:
     frame = scan(1.0, (0.7, 0.3), (2e-9, 0.05))
     whole = correct_points(frame)
-    assert whole.second is not None
+    assert len(whole.pulses) == 1
     assert whole.offsets is not None
-    known = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins, whole.second))
+    known = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins, whole.pulses))
     np.testing.assert_allclose(known.counts, whole.counts, atol=1e-3)
     left = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins))
     assert abs(about(known, 2.0)) < 0.02 * about(left, 2.0)
 
 
-def test_light_that_comes_once_more_is_taken_out_bin_by_bin() -> None:
+def test_light_that_comes_again_and_again_is_taken_out_bin_by_bin() -> None:
     """From the definition, between bins as well; where no direct light is known, all of it is shifted."""
     random = np.random.default_rng(0)
-    light, lag, share = random.random((3, 200)), 20.25, 0.15
-    seen = light.copy()
-    for bin_ in range(20, 200):
-        seen[:, bin_] += share * 0.75 * light[:, bin_ - 20]
-        seen[:, bin_] += share * 0.25 * light[:, bin_ - 21] if bin_ > 20 else 0
-    found = SecondPulse(lag * WIDTH_S, share, 0.0, True, from_histogram([1.0, 4.0, 1.0], WIDTH_S), WIDTH_S)
+    light, pulses = random.random((3, 200)), ((20.25, 0.15), (33.5, 0.3))
+    seen, response = light.copy(), from_histogram([1.0, 4.0, 1.0], WIDTH_S)
+    for lag, share in pulses:
+        for late, part in ((int(lag), 1 - lag % 1), (int(lag) + 1, lag % 1)):
+            seen[:, late:] += share * part * light[:, :-late]
+    found = [SecondPulse(lag * WIDTH_S, share, 0.0, True, response, WIDTH_S) for lag, share in pulses]
     background = Background(np.full(3, 2.0), np.array([0.0, 0.0, np.nan]))
     even = np.array([[2.0], [2.0], [0.0]])  # of the last nothing is known, so all of it is light
     once, variance = without_second_pulse(seen + even, np.ones((3, 200)), np.full(3, np.nan), background, found)
     np.testing.assert_allclose(once, light + even, atol=1e-5)
-    np.testing.assert_allclose(variance[:, [0, 19, 20, 199]], [[1, 1, 1 + share**2, 1 + share**2]] * 3, atol=1e-6)
+    steps = [1, 1 + 0.15**2, 1 + 0.15**2 + 0.3**2]
+    np.testing.assert_allclose(variance[:, [19, 20, 199]], [steps] * 3, atol=1e-6)
 
 
 def test_the_direct_pulse_once_more_leaves_nothing_between_two_bins() -> None:
@@ -150,5 +151,5 @@ def test_the_direct_pulse_once_more_leaves_nothing_between_two_bins() -> None:
     once, again = (direct * response.in_bins(-late * WIDTH_S, 200, WIDTH_S) for late in (at_bins, at_bins + lag))
     found = SecondPulse(lag * WIDTH_S, 0.2, 0.0, True, response, WIDTH_S)
     counts = 2.0 + once + 0.2 * again
-    light, _ = without_second_pulse(counts, counts, at_bins, Background(np.full(2, 2.0), np.zeros(2)), found)
+    light, _ = without_second_pulse(counts, counts, at_bins, Background(np.full(2, 2.0), np.zeros(2)), [found])
     np.testing.assert_allclose(light, 2.0 + once, atol=2.0)
