@@ -74,7 +74,7 @@ def test_one_laser_point_is_taken_for_its_midpoints(tmp_path: Path) -> None:
         ({"laser_grid_xyz": POINTS[:3]}, r"12 histograms, \(3, 3\) laser and \(12, 3\) sensor points"),
         ({"sensor_grid_xyz": POINTS * np.nan}, "not finite"),
         ({"sensor_grid_xyz": POINTS + np.array([0.0, 0.0, 0.1])}, "not in one plane z = const.*laser_m and sensor_m"),
-        ({"H": np.ones((4, 3, 4))}, "H: has 3 dimensions"),
+        ({"H": np.ones((4, 3, 5))}, "H: has 3 dimensions"),
         ({"H_format": np.nan}, "H_format is nan"),
         (
             {"t_accounts_first_and_last_bounces": True, "laser_xyz": np.array([0.0, np.nan, 1.0])},

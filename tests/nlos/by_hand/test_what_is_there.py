@@ -17,7 +17,7 @@ from nlos.drivers.bench import BenchSettings
 from tests.nlos.by_hand.at_a_terminal import at_a_terminal
 from tests.nlos.by_hand.witness import STARVED_S, account, bench_file
 
-MISSING = {"mirror": "G10", "counter": "U10"}
+MISSING = {"mirror": {"name": "G10", "parameters": {"kind": "missing"}}, "counter": {"name": "U10"}}
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +27,7 @@ def fresh_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def without(folder: Path, role: str, **changes: dict[str, object]) -> str:
-    fault = {"name": MISSING[role], "times": 99, "parameters": {"kind": "missing"}}
+    fault = MISSING[role] | {"times": 99}
     return str(bench_file(folder, {**changes, "simulation": {"faults": [fault]}}))
 
 
