@@ -43,6 +43,11 @@ class WallGrid:
         """Row centres, top to bottom, shape (H,)."""
         return (0.5 - (np.arange(self.rows) + 0.5) / self.rows) * self.height_m
 
+    @property
+    def longer_m(self) -> float:
+        """The longer of its sides: a line of points up the wall sees as sharply as one across it."""
+        return max(self.width_m, self.height_m)
+
 
 def grid_around(x_m: Floats, y_m: Floats, size_m: tuple[float, float] | None = None) -> WallGrid:
     """A grid for N points at free positions (N,), fine enough that hardly two share a pixel: their own where they lie

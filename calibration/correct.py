@@ -29,11 +29,11 @@ from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse, doubt_second_pulse, second_pulse
 from nlos.calibration.time_offset import time_offsets_of
 from nlos.calibration.wall_brightness import HiddenLight, doubt_wall_brightness, wall_brightness
-from nlos.calibration.without_second_pulse import without_second_pulse
+from nlos.calibration.without_second_pulses import without_second_pulses
 
 Floats = npt.NDArray[np.float64]
 MOST_PULSES = 4
-"""So many second pulses are taken out; of more, the laser is the one to mend."""
+"""As many second pulses are taken out; a laser that sends more needs repair."""
 LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
 log = logging.getLogger(__name__)
@@ -250,17 +250,18 @@ def _without_any(raw: RawPoints, timed: _Timed, done: CorrectedPoints, offsets: 
 def _second_pulse(done: CorrectedPoints, raw: RawPoints, timed: _Timed, offsets: TimeOffsets) -> SecondPulse | None:
     """That of `done`; one that is masked there where it can be taken out: so can what it shows once more."""
     if done.direct.close is not None and not any(each.is_at(done.direct.close.lag_s) for each in done.pulses):
-        bare = _finish(raw, _less(timed, done.pulses), mask_close=False)
+        bare = _finish(raw, _pulsed_once(timed, done.pulses), mask_close=False)
         close = second_pulse(bare.counts, bare.variance, offsets, raw.x_m, raw.y_m)
         if close is not None and close.even:
             return close
     return second_pulse(done.counts, done.variance, offsets, raw.x_m, raw.y_m)
 
 
-def _less(timed: _Timed, pulses: tuple[SecondPulse, ...]) -> _Timed:
+def _pulsed_once(timed: _Timed, pulses: tuple[SecondPulse, ...]) -> _Timed:
+    """As if there had been none of these `pulses`."""
     if not pulses:
         return timed
-    counts, variance = without_second_pulse(timed.counts, timed.variance, timed.arrival, timed.background, pulses)
+    counts, variance = without_second_pulses(timed.counts, timed.variance, timed.arrival, timed.background, pulses)
     return replace(timed, counts=counts, variance=variance)
 
 
@@ -268,7 +269,7 @@ def _without(
     raw: RawPoints, timed: _Timed, pulses: tuple[SecondPulse, ...], close: ClosePulse | None
 ) -> CorrectedPoints:
     """`_finish` without second pulses. What is masked as `close`, which may be what is left of one, stays so."""
-    done = _finish(raw, _less(timed, pulses))
+    done = _finish(raw, _pulsed_once(timed, pulses))
     close = max(filter(None, (close, done.direct.close)), key=lambda each: each.end_bin, default=None)
     done = replace(done, pulses=pulses, direct=replace(done.direct, close=close))
     return _masked(done, done.direct.close_end_bin())

@@ -1,6 +1,6 @@
 """A second pulse behind the direct one: a laser that pulses twice, or light thrown back between lens and detector. It
 comes as late at every point, and whatever is hidden is seen once more behind itself. Told, and taken out
-(`without_second_pulse.py`) where no surface would do the same."""
+(`without_second_pulses.py`) where no surface would do the same."""
 
 from dataclasses import dataclass, replace
 

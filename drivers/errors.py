@@ -22,6 +22,11 @@ class DeviceError(Exception):
         self.what, self.remedy = what, remedy
         self.args = (f"{self.device}: {what} {remedy}".rstrip(),)
 
+    @property
+    def said(self) -> str:
+        """What happened, and with which device; what to do next is not in it."""
+        return f"{self.device}: {self.what}"
+
     def __reduce__(self) -> tuple[object, ...]:
         """Copied as it is, between processes, too: a pool whose worker sends what cannot be read waits for ever."""
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]

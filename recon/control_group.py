@@ -31,19 +31,23 @@ def bytes_left(mounted: Path = _MOUNTED, of_process: Path = _OF_PROCESS) -> int 
 def processors() -> int:
     """How many threads can compute at a time: the processors that this process may run on, or the fewer whose time its
     groups grant it."""
-    own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return granted(own) or own
+    return granted() or _allowed()
 
 
-def granted(own: int, mounted: Path = _MOUNTED, of_process: Path = _OF_PROCESS) -> int | None:
+def granted(mounted: Path = _MOUNTED, of_process: Path = _OF_PROCESS) -> int | None:
     """The processors whose time the tightest of the groups grants, a begun one whole; None where that is no fewer than
-    the `own` ones. More threads than that are all made to wait for the rest of a period once its time is spent."""
+    this process may run on. More threads than that all wait for the rest of a period once its time is spent."""
     try:
         shares = [_share(group, version) for group, version in _groups("cpu", mounted, of_process)]
     except (OSError, ValueError):
         return None
-    least = min((-(-time // period) for time, period in filter(None, shares)), default=own)
-    return least if least < own else None
+    allowed = _allowed()
+    least = min((-(-time // period) for time, period in filter(None, shares)), default=allowed)
+    return least if least < allowed else None
+
+
+def _allowed() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _groups(controller: str, mounted: Path, of_process: Path) -> Iterator[tuple[Path, int]]:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.aim import Aim, Aiming
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording import megabytes
 from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.new_name import behind_link
 from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Recording
@@ -123,11 +124,10 @@ def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
     needed = 0 if path.exists() else disk_bytes(least)  # a recording's place on the disk is reserved as it is made
     free = shutil.disk_usage(next(folder for folder in behind_link(path).absolute().parents if folder.is_dir())).free
     if needed + least_free > free:
-        beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""
+        beside = f" and {megabytes.needed(least_free)} free beside it (alarms.min_free_mb)" if least_free else ""
         raise StorageError(
-            f"{path}: the recording needs {math.ceil(needed / 1e5) / 10} MB{beside}, "
-            f"the disk has {free // 1e5 / 10} MB left. "
-            "Free disk space, choose another place with -o, or "
+            f"{path}: the recording needs {megabytes.needed(needed)}{beside}, the disk has "
+            f"{megabytes.free(free)} left. Free disk space, choose another place with -o, or "
             f"{'set alarms.min_free_mb lower' if needed == 0 else 'plan fewer points or bins'}."
         )
 

@@ -2,7 +2,6 @@
 
 import errno
 import itertools
-import math
 import os
 import re
 import secrets
@@ -20,6 +19,7 @@ from nlos.acquisition.recording.disk_refusal import remedy
 from nlos.acquisition.recording.file_bytes import HdfBytes
 from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, write_plan
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
+from nlos.acquisition.recording.megabytes import needed
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 
@@ -62,8 +62,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         fresh.unlink(missing_ok=True)
         size = points * (bins * 4 + RECORD.itemsize)
         raise StorageError(
-            f"{target}: cannot reserve {math.ceil(size / 1e5) / 10} MB for {points} points of {bins} bins ({error}). "
-            f"{remedy(error)}"
+            f"{target}: cannot reserve {needed(size)} for {points} points of {bins} bins ({error}). {remedy(error)}"
         ) from error
     return fresh
 

@@ -22,7 +22,7 @@ def shut(bench: Bench, trip: SafetyTrip) -> None:
             bench.shutter.close("an alarm")
             bench.report("trip", str(trip))
         else:
-            bench.shutter.latch(f"{trip.device}: {trip.what}")
+            bench.shutter.latch(trip.said)
     except DeviceError as error:
         bench.report("device", str(error))
 

@@ -48,8 +48,8 @@ class DirectWatch:
         self._whole = -0.5 * plan.axis.bin_width_s <= rest_s < _REACH_S
         """Whether the window is the laser's period, so that late light of the pulse before begins it."""
         self._peaks: list[_Peak] = []
-        self._round: list[_Peak] = []
-        """The same of a window that is a whole period, round it."""
+        self._cyclic: list[_Peak] = []
+        """The same where the window is a whole period: of a window whose end is followed by its beginning."""
 
     def look(self, sample: Sample) -> str:
         """What is wrong, in words; empty as long as nothing is known to be."""
@@ -67,7 +67,7 @@ class DirectWatch:
         counts = sample.histogram.counts
         self._sum[: len(counts) - shift] += counts[shift:]
         if self._points < FIRST_POINTS:
-            for peaks, cyclic in ((self._peaks, False), (self._round, True))[: 1 + self._whole]:
+            for peaks, cyclic in ((self._peaks, False), (self._cyclic, True))[: 1 + self._whole]:
                 if (peak := direct_peak(counts, self._plan.axis, cyclic)) is not None:
                     peaks.append((sample.point.number, peak.time_s, peak.error_s))
         self._live_s += sample.histogram.live_time_s
@@ -89,7 +89,7 @@ class DirectWatch:
             return said
         if self._found or not self._direct.delay_known:
             self._found = True
-            return self._scaled(self._peaks)
+            return self._scaled()
         return (
             f"direct light comes {off_s * 1e9:+.2f} ns from where it should: delay, wall distance or cables have "
             "changed since `nlos calibrate --first-light`"
@@ -107,8 +107,8 @@ class DirectWatch:
         if self._direct.delay_known:
             is_wall = abs(self._off_s(peak.time_s)) <= _REACH_S < abs(self._off_s(first_s))
         else:
-            enough = min(len(self._round), len(self._peaks)) >= FIRST_POINTS - 2
-            is_wall = enough and self._scatter_s(self._round) < _WALLS_PART * self._scatter_s(self._peaks)
+            enough = min(len(self._cyclic), len(self._peaks)) >= FIRST_POINTS - 2
+            is_wall = enough and self._scatter_s(self._cyclic) < _WALLS_PART * self._scatter_s(self._peaks)
         if not is_wall:
             return ""
         begin_ns = max(0.0, np.floor(peak.time_s * 1e9 - 1.0))
@@ -140,13 +140,13 @@ class DirectWatch:
             "`alarms: {expect_direct: false}` for a detector that is gated to leave it out"
         )
 
-    def _scaled(self, peaks: list[_Peak]) -> str:
+    def _scaled(self) -> str:
         """Whether points to the side are farther away by as much as the geometry says. An offset, which cables make,
         and slopes, which a leaning wall makes, are fitted beside it."""
-        if len(peaks) < FIRST_POINTS - 2:
+        if len(self._peaks) < FIRST_POINTS - 2:
             return ""
-        points = np.array([number for number, _, _ in peaks], np.int64)
-        came_s = np.array([time_s for _, time_s, _ in peaks])
+        points = np.array([number for number, _, _ in self._peaks], np.int64)
+        came_s = np.array([time_s for _, time_s, _ in self._peaks])
         late_s = came_s - self._seen_at_s[points]
         walls = np.abs(late_s - np.median(late_s)) < _LEAN_S
         if walls.sum() < len(points) / 2:
@@ -169,7 +169,7 @@ class DirectWatch:
             return ""
         left_s = came_s - design @ found
         width_s = float(np.sqrt((left_s**2).sum() / free))
-        width_s = max(width_s, 0.3 * self._plan.axis.bin_width_s, 2 * max(error_s for _, _, error_s in peaks))
+        width_s = max(width_s, 0.3 * self._plan.axis.bin_width_s, 2 * max(error_s for _, _, error_s in self._peaks))
         scale = float(found[0] / unit[0])
         error = width_s * float(np.sqrt(np.linalg.inv(design.T @ design)[0, 0])) / unit[0]
         off = abs(scale - 1)

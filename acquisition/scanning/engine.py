@@ -205,7 +205,7 @@ class _Run:
         except LightOff:
             pass  # while the batch was being armed: `watch` says why
         except MirrorDisturbed as error:
-            self._warned.discard(said := f"{error.device}: {error.what}")
+            self._warned.discard(said := error.said)
             self._warn([said])
             dark(self._bench, error.what)
             self._bench.mirror.park()

@@ -4,14 +4,12 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-_ONE_OF = re.compile(r"`(\w+)`: (`[^`]+`(?:, `[^`]+`)*)(?!, \.\.\.)(?:[;.]|$)")
-"""A parameter with the words that it may be; nothing follows the last of them."""
-
 
 @dataclass(frozen=True)
 class FaultRow:
-    """`parameters`: what a bench file or a test may say about it, every name between backticks, and where a few words
-    are all that one may be, "`name`: `word`, `word`"; "built in" where it needs no asking for."""
+    """`parameters`: what a bench file or a test may say about it, each name between backticks, with the words that it
+    may be where these are few: "`count`, `delay_s`; `kind`: `word`, `word`". "built in" where it needs no asking
+    for."""
 
     name: str
     happens: str
@@ -20,15 +18,22 @@ class FaultRow:
     parameters: str = ""
 
     def unknown(self, given: Mapping[str, object]) -> list[str]:
-        """Those of a fault's parameters that `parameters` does not tell, and words that none of them may be."""
-        known: dict[str, set[str]] = {}
-        for name, listed in _ONE_OF.findall(self.parameters):
-            known.setdefault(name, set()).update(re.findall(r'`"?(.+?)"?`', listed))
+        """Those of a fault's parameters that it does not have, and words that one of them cannot be."""
+        known = self._known()
         return [
-            name if f"`{name}`" not in self.parameters else f"{name}: {value}"
+            f"{name}: {value}" if name in known else name
             for name, value in given.items()
-            if f"`{name}`" not in self.parameters or (name in known and str(value) not in known[name])
+            if name not in known or (known[name] and str(value) not in known[name])
         ]
+
+    def _known(self) -> dict[str, set[str]]:
+        """Name -> the words that it may be; none where it may be anything."""
+        found: dict[str, set[str]] = {}
+        for part in re.split("[;.] ", self.parameters):
+            names, _, words = part.rpartition("`: ") if "`: " in part else (part, "", "")
+            for name in re.findall(r"`(\w+)", names):
+                found.setdefault(name, set()).update([] if "..." in words else re.findall(r'`"?(.+?)"?`', words))
+        return found
 
 
 def words(names: Iterable[str]) -> str:

@@ -26,7 +26,7 @@ class LightConeFields(nn.Module):
 
     def __init__(self, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
-        self.wall, self.unit_m = wall, max(wall.width_m, wall.height_m)
+        self.wall, self.unit_m = wall, wall.longer_m
         self.rebinning, fine = rebinned_axis(wall, time)
         self.fine = fine
         bin_depth = SPEED_OF_LIGHT_M_PER_S * fine.bin_width_s / 2 / self.unit_m

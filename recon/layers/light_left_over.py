@@ -45,7 +45,7 @@ class LightLeftOver:
     """For scans of this wall and time axis."""
 
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float):
-        unit_m = max(wall.width_m, wall.height_m)
+        unit_m = wall.longer_m
         self.falloff, self.pitch = falloff, wall.width_m / wall.cols / unit_m
         self.x = torch.from_numpy(wall.x_m() / unit_m).float()
         self.y = torch.from_numpy(wall.y_m() / unit_m).float()

@@ -36,7 +36,7 @@ SHARPENED = 0.5  # of a response's width is inverted: the network does the rest 
 def rebinned_axis(wall: WallGrid, time: TimeAxis) -> tuple[int, TimeAxis]:
     """How many neighbouring bins are added, and the axis of the sums: none finer than FINEST_BIN unless the data's own
     is all there is, none beyond FARTHEST."""
-    bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / max(wall.width_m, wall.height_m)
+    bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / wall.longer_m
     factor = max(1, math.floor(FINEST_BIN / bin_depth + 1e-6))
     last = math.ceil((FARTHEST - time.start_s / time.bin_width_s * bin_depth) / (bin_depth * factor))
     bins = max(8, min(-(-time.bins // factor), last))
@@ -56,7 +56,7 @@ class WienerVolumes(nn.Module):
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):
         super().__init__()
         self.falloff = falloff
-        unit_m = max(wall.width_m, wall.height_m)
+        unit_m = wall.longer_m
         self.wall, self.unit_m = wall, unit_m
         self.factor, self.time = rebinned_axis(wall, time)
         self.bins = self.time.bins

@@ -51,7 +51,8 @@ def find(name: str) -> Method:
     """The method of that name, or in that file where it ends in `.py`.
 
     Raises `InvalidSettings` with the nearest name for one that does not exist, with file and line for a file that
-    holds no method; `ModuleNotFoundError` with what to install where it needs an extra.
+    holds no method, and where the memory does not hold it; `ModuleNotFoundError` with what to install where it needs
+    an extra.
     """
     if in_a_file(name):
         return find_in_file(name)
@@ -72,6 +73,11 @@ def find(name: str) -> Method:
         return cast(Method, importlib.import_module(f"nlos.recon.without_torch.{name}"))
     try:
         return cast(Method, importlib.import_module(f"{__name__}.{name}"))
+    except MemoryError as error:  # no reconstruction that failed: nothing was read, nor measured
+        raise InvalidSettings(
+            f"{name}: the memory does not hold this method and what it needs. Close what else runs, or reconstruct on "
+            "another computer."
+        ) from error
     except ModuleNotFoundError as error:
         if error.name not in ("torch", "safetensors"):
             raise

@@ -27,7 +27,7 @@ from nlos.recon.transport.virtual_wave import VirtualWave
 from nlos.recon.volume_method import VolumeMethod
 
 NEAREST = 128
-"""This part of the farthest depth away from the wall: closer planes see the light of the one point before them."""
+"""The last plane is at most so many times as deep as the first: a closer one sees the one point before it alone."""
 KEPT = 0.45  # of a wave's amplitude that a response must leave; 0.4 and 0.5 serve as well
 
 
@@ -46,7 +46,7 @@ class Settings(PhysicsSettings):
     planes: Annotated[int, Field(ge=2)] = 128
     """Depth planes of the exact propagator."""
     near_m: Annotated[float, Field(gt=0)] | None = None
-    """Depth of the first plane; unless given one of `planes`, at most 128, parts of the last one's."""
+    """Depth of the first plane; unless given the last one's, divided by `planes`, or by 128 where there are more."""
     far_m: Annotated[float, Field(gt=0)] | None = None
     """Depth of the last plane; the end of the time axis unless given."""
 

@@ -43,7 +43,7 @@ class BodyLight:
 
     def __init__(self, body: Body, frames: Sequence[Moments], start_m: Floats) -> None:
         time, wall, self.parts = frames[0].time, frames[0].wall, int(body.part.max()) + 1
-        wanted_s = max(wall.width_m, wall.height_m) / FINE / SPEED_OF_LIGHT_M_PER_S
+        wanted_s = wall.longer_m / FINE / SPEED_OF_LIGHT_M_PER_S
         factor = min(max(1, round(wanted_s / time.bin_width_s)), time.bins)
         # drawn, since every n-th point of a grid may lie in a few of its columns
         some = [np.sort(np.random.default_rng(0).permutation(len(each.x_m))[:MEASURED]) for each in frames]

@@ -39,7 +39,7 @@ class Registration:
     their neighbours, they would pull what is seen towards the points that were."""
 
     def __init__(self, wall: WallGrid, time: TimeAxis) -> None:
-        longer = max(wall.width_m, wall.height_m)
+        longer = wall.longer_m
         cells = min(max(wall.rows, wall.cols), ACROSS)
         rows, cols = (max(2, round(cells * side / longer)) for side in (wall.height_m, wall.width_m))
         self.wall = WallGrid(wall.width_m, wall.height_m, rows, cols)

@@ -51,8 +51,8 @@ def main() -> None:
     # a Delaunay mesh of a thousand points took 5 ms of one core, or seconds of two that were shared (decision 305).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A container's share of processor time is not among the processors that OpenMP counts.
-    if "OMP_NUM_THREADS" not in os.environ and (own := granted(os.cpu_count() or 1)):
-        os.environ["OMP_NUM_THREADS"] = str(own)
+    if "OMP_NUM_THREADS" not in os.environ and (many := granted()):
+        os.environ["OMP_NUM_THREADS"] = str(many)
     # Nor do the children of this process, however a library starts them, import from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     outlive_terminal()

@@ -141,7 +141,7 @@ def say_response(transient: Transient) -> None:
         log.debug("response: none known")
         return
     log.debug("response: %.0f ps FWHM, %s", found.fwhm_s * 1e12, found.source)
-    across_m, wall_m = lateral_m(transient, found.fwhm_s), _widest_m(transient)
+    across_m, wall_m = lateral_m(transient, found.fwhm_s), transient.wall.longer_m
     if across_m * FEWEST_WIDTHS > wall_m:
         log.warning(
             "a response of %.0f ps is slow for this wall: it blurs %.2g m across, more than a tenth of its %.3g m. "
@@ -155,12 +155,7 @@ def lateral_m(transient: Transient, fwhm_s: float) -> float:
     wall's longer side. Source: O'Toole et al., Nature 2018, eq. 4."""
     profile = np.maximum(transient.counts.sum(axis=(1, 2), dtype=np.float64), 0)
     brightest_s = float(transient.time.centres_s()[int(profile.argmax())])
-    return resolution_across_m(fwhm_s, _widest_m(transient), brightest_s * SPEED_OF_LIGHT_M_PER_S / 2)
-
-
-def _widest_m(transient: Transient) -> float:
-    """A line of points up the wall sees as sharply as one across it."""
-    return max(transient.wall.width_m, transient.wall.height_m)
+    return resolution_across_m(fwhm_s, transient.wall.longer_m, brightest_s * SPEED_OF_LIGHT_M_PER_S / 2)
 
 
 def resolution_across_m(fwhm_s: float, wall_width_m: float, depth_m: float) -> float:

@@ -68,9 +68,9 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     @property
     def safe(self) -> str:
         """Where the samples are, and what takes or makes the rest."""
-        return self._safe(CLEARS)
+        return self._safe(clearing_told=False)
 
-    def _safe(self, clears: str) -> str:
+    def _safe(self, *, clearing_told: bool) -> str:
         path = self._writer.path
         if self.film is not None and self.film.whole:
             return f"{path} holds the film: {self.film.said()}."
@@ -80,7 +80,7 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             return f"{path} was not cut to the frames of its film. {UNCUT.format(path=path)}"
         if self._writer.has_all:
             return f"All samples are safe in {path}."
-        cleared = f"{clears} clears the trip, then " if clears and self._bench.shutter.is_tripped() else ""
+        cleared = "" if clearing_told or not self._bench.shutter.is_tripped() else f"{CLEARS} clears the trip, then "
         return f"The samples so far are safe in {path}; {cleared}`{self._resume}` takes the others."
 
     def __exit__(
@@ -107,9 +107,9 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             self._tell(f"{self._writer.path}: ending the film, {copied / 1e6:.0f} MB are copied")
             self._end_film(error)
         if isinstance(error, DeviceError):
-            told = CLEARS in error.remedy
-            error.remedy = f"{error.remedy} {self._safe('' if told else CLEARS)}".strip()
-            error.args = (f"{error.device}: {error.what} {error.remedy}",)
+            safe = self._safe(clearing_told=CLEARS in error.remedy)
+            error.remedy = f"{error.remedy} {safe}".strip()
+            error.args = (f"{error.said} {error.remedy}",)
 
     def _end_film(self, error: BaseException | None) -> None:
         try:

@@ -36,7 +36,7 @@ TRIGGERSCOPE: list[tuple[str, dict[str, Any]]] = [
 ]  # fmt: skip
 OPTOTUNE: list[tuple[str, dict[str, Any]]] = [
     ("B1", {"reply": "NO"}), ("B1", {"reply": "OL"}), ("B2", {}), ("B3", {}), ("B4", {"bit": 1}),
-    ("B5", {"place": "stuck"}), ("B6", {"off": 0.02}),
+    ("B5", {"place": "stuck"}), ("B6", {"off_by": 0.02}),
 ]  # fmt: skip
 USB: list[tuple[str, dict[str, Any]]] = [
     ("U1", {}), ("U2", {}), ("U3", {"place": "in"}), ("U3", {"place": "out"}), ("U3", {"place": "control"}),

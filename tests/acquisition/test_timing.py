@@ -220,7 +220,7 @@ def test_a_disk_without_room_is_refused(small_plan: Plans, tmp_path: Path, monke
     check_disk(plan, tmp_path / "run.h5")
     huge = ScanPlan(plan.wall, plan.axis.__class__(65536, 16e-12), plan.positions, plan.dwell_s, plan.pass_)
     monkeypatch.setattr("shutil.disk_usage", lambda folder: type("Usage", (), {"free": 10**9})())
-    with pytest.raises(StorageError, match=r"needs 262.\.. MB, the disk has 1000.0 MB"):
+    with pytest.raises(StorageError, match=r"needs 262\d\.\d MB, the disk has 1000 MB"):
         check_disk(huge, tmp_path / "run.h5")
 
 

@@ -14,15 +14,15 @@ from nlos.calibration.impulse_response import from_histogram
 from nlos.calibration.known_direct import KnownDirect
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.second_pulse import SecondPulse
-from nlos.calibration.without_second_pulse import without_second_pulse
+from nlos.calibration.without_second_pulses import without_second_pulses
 
 SIDE, BINS, WIDTH_S, DIRECT, HIDDEN = 14, 900, 32e-12, 2000, 300
 SCANNER_M = np.array([0.25, 0.1, 2.0])
 
 
-def scan(wall_m: float, patch_m: tuple[float, float], second: tuple[float, float]) -> RawPoints:
-    """A square wall, a square patch before it at `patch_m` (depth, side), and of every photon a share `second[1]` more,
-    `second[0]` seconds later; 80 ps FWHM."""
+def scan(wall_m: float, patch_m: tuple[float, float], *pulses: tuple[float, float]) -> RawPoints:
+    """A square wall, a square patch before it at `patch_m` (depth, side), and of every photon for each of `pulses`
+    (seconds, share) a share more, so many seconds later; 80 ps FWHM."""
     random = np.random.default_rng(3)
     at = (np.arange(SIDE) + 0.5) / SIDE * wall_m - wall_m / 2
     x, y = (each.ravel() for each in np.meshgrid(at, at[::-1]))
@@ -33,7 +33,8 @@ def scan(wall_m: float, patch_m: tuple[float, float], second: tuple[float, float
         hit = np.stack([*random.uniform(-0.5, 0.5, (2, seen)) * patch_m[1], np.full(seen, patch_m[0])], axis=1)
         way_m = np.concatenate([np.zeros(direct), np.linalg.norm(hit - place, axis=1)])
         times = 3e-9 + 2 * (np.linalg.norm(SCANNER_M - place) + way_m) / C
-        times = np.concatenate([times, times[random.random(len(times)) < second[1]] + second[0]])
+        again = [times[random.random(len(times)) < share] + lag_s for lag_s, share in pulses]
+        times = np.concatenate([times, *again])
         bins = np.floor((times + random.normal(0, 34e-12, len(times))) / WIDTH_S).astype(int)
         counts[point] = np.bincount(bins[bins < BINS], minlength=BINS) + random.poisson(0.02, BINS)
     nothing = np.zeros(len(x))
@@ -116,15 +117,17 @@ def test_a_second_pulse_is_taken_out_with_what_it_shows_once_more(
     assert abs(about(done, hidden_ns + lag_ns, 0.4) - about(once, hidden_ns + lag_ns, 0.4)) < 0.1 * again + 1
 
 
-def test_frames_of_a_scan_are_without_its_second_pulse() -> None:
-    frame = scan(1.0, (0.7, 0.3), (2e-9, 0.05))
+@pytest.mark.parametrize("pulses", [((2e-9, 0.05),), ((2e-9, 0.05), (3.4e-9, 0.1))])
+def test_frames_of_a_scan_are_without_its_second_pulses(pulses: tuple[tuple[float, float], ...]) -> None:
+    frame = scan(1.0, (0.7, 0.3), *pulses)
     whole = correct_points(frame)
-    assert len(whole.pulses) == 1
+    assert sorted(each.lag_s for each in whole.pulses) == pytest.approx([lag_s for lag_s, _ in pulses], abs=5e-12)
     assert whole.offsets is not None
     known = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins, whole.pulses))
     np.testing.assert_allclose(known.counts, whole.counts, atol=1e-3)
     left = correct_points(frame, known=KnownDirect(whole.offsets.offset_bins))
-    assert abs(about(known, 2.0)) < 0.02 * about(left, 2.0)
+    for lag_s, _ in pulses:
+        assert abs(about(known, lag_s * 1e9)) < 0.02 * about(left, lag_s * 1e9)
 
 
 def test_light_that_comes_again_and_again_is_taken_out_bin_by_bin() -> None:
@@ -138,7 +141,7 @@ def test_light_that_comes_again_and_again_is_taken_out_bin_by_bin() -> None:
     found = [SecondPulse(lag * WIDTH_S, share, 0.0, True, response, WIDTH_S) for lag, share in pulses]
     background = Background(np.full(3, 2.0), np.array([0.0, 0.0, np.nan]))
     even = np.array([[2.0], [2.0], [0.0]])  # of the last nothing is known, so all of it is light
-    once, variance = without_second_pulse(seen + even, np.ones((3, 200)), np.full(3, np.nan), background, found)
+    once, variance = without_second_pulses(seen + even, np.ones((3, 200)), np.full(3, np.nan), background, found)
     np.testing.assert_allclose(once, light + even, atol=1e-5)
     steps = [1, 1 + 0.15**2, 1 + 0.15**2 + 0.3**2]
     np.testing.assert_allclose(variance[:, [19, 20, 199]], [steps] * 3, atol=1e-6)
@@ -151,5 +154,5 @@ def test_the_direct_pulse_once_more_leaves_nothing_between_two_bins() -> None:
     once, again = (direct * response.in_bins(-late * WIDTH_S, 200, WIDTH_S) for late in (at_bins, at_bins + lag))
     found = SecondPulse(lag * WIDTH_S, 0.2, 0.0, True, response, WIDTH_S)
     counts = 2.0 + once + 0.2 * again
-    light, _ = without_second_pulse(counts, counts, at_bins, Background(np.full(2, 2.0), np.zeros(2)), [found])
+    light, _ = without_second_pulses(counts, counts, at_bins, Background(np.full(2, 2.0), np.zeros(2)), [found])
     np.testing.assert_allclose(light, 2.0 + once, atol=2.0)

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -106,16 +107,21 @@ def test_what_cannot_be_reconstructed_is_refused_before_anything_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_memory_that_holds_no_method_ends_no_scan_as_if_there_were_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    "words", [["scan", "demo", "-o", "run.h5", "--reconstruct", "fk"], ["queue", "queue.yaml"], ["methods", "fk"]]
+)
+def test_memory_that_holds_no_method_ends_nothing_as_if_a_scan_were_safe(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
 ) -> None:
     def refused(name: str) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("nlos.cli.scan.find", refused)
-    assert run(["scan", "demo", "-o", str(tmp_path / "run.h5"), "--reconstruct", "lct"]) == 2
-    assert "--reconstruct lct: the memory does not hold the method; nothing was measured" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "queue.yaml").write_text("{runs: [{scan: demo}], reconstruct: fk}")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("nlos.recon.methods.importlib", SimpleNamespace(import_module=refused))
+    assert run(words) == 2
+    assert "fk: the memory does not hold this method" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["queue.yaml"]
 
 
 def test_the_version_is_told_everywhere() -> None:

@@ -77,8 +77,8 @@ def test_a_series_that_the_disk_does_not_hold_is_not_begun(
         assert run(["queue", str(queue), *asked]) == 6
         said = capsys.readouterr().err
         assert "the series needs" in said
-        assert "needs 0.0 MB" not in said
-        assert "there are 0.0 MB" in said
+        assert "needs 0 MB" not in said
+        assert "there are 0 MB" in said
     assert not list(tmp_path.rglob("*.h5"))
     free[0] = 1 << 40
     assert run(["queue", str(queue)]) == 0

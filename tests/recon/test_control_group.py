@@ -95,10 +95,11 @@ def test_odd_names_and_contents_end_nothing(
     ],
 )
 def test_processors_that_a_share_of_their_time_grants(
-    tmp_path: Path, of_process: str, files: dict[str, str], processors: int | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_process: str, files: dict[str, str], processors: int | None
 ) -> None:
+    monkeypatch.setattr("nlos.recon.control_group._allowed", lambda: 4)
     (told := tmp_path / "cgroup").write_text(of_process)
     for name, held in files.items():
         (path := tmp_path / "mounted" / name).parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"{held}\n")
-    assert granted(4, tmp_path / "mounted", told) == processors
+    assert granted(tmp_path / "mounted", told) == processors

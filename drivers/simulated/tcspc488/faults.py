@@ -21,7 +21,7 @@ FAULTS: tuple[FaultRow, ...] = (
              SAME, "`field`: `tag`, `inverse`, `kind`, `reserved`"),
     FaultRow("U6", "a message split, cut, too long, or ended early",
              "nothing where whole, else asked again",
-             SAME, "`what`: `split`, `cut`, `early_end`; `size`"),
+             SAME, "`what`: `split`, `cut`, `too_large`, `early_end`; `size`"),
     FaultRow("U7", "no zero-length packet after a full last one",
              "nothing",
              SAME),

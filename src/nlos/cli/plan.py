@@ -190,15 +190,14 @@ def _simulated(settings: "BenchSettings") -> "InstrumentResponse | None":
 def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") -> None:
     """What the scan can tell apart, at depths of half the wall's longer side and of all of it."""
     wall, bin_s = plan.wall, plan.axis.bin_width_s
-    longer_m = max(wall.width_m, wall.height_m)
     pixel_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     if response is None:
         words = "the response is not known, see `nlos calibrate` or use --response"
         terminal.result(f"resolution {pixel_m * 1e3:.1f} mm across at best, a pixel; {words}", pixel_m=pixel_m)
         return
     fwhm_s = response.fwhm_s
-    depths_m = (longer_m / 2, longer_m)
-    across_m = [max(pixel_m, resolution_across_m(fwhm_s, longer_m, depth_m)) for depth_m in depths_m]
+    depths_m = (wall.longer_m / 2, wall.longer_m)
+    across_m = [max(pixel_m, resolution_across_m(fwhm_s, wall.longer_m, depth_m)) for depth_m in depths_m]
     along_m = SPEED_OF_LIGHT_M_PER_S / 2 * max(fwhm_s, bin_s)
     terminal.result(
         "resolution "

@@ -8,6 +8,7 @@ import typer
 
 from nlos.cli.columns import columns_shown, one_line, padded, width_shown
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.file_words import check_folder
 from nlos.cli.targets import check_place, page_target
 from nlos.cli.terminal import terminal
 from nlos.runs.index import SORTS, Run, RunsIndex
@@ -38,9 +39,7 @@ def runs(
     """Lists recordings below a folder, the latest first. The index is made from the files and brought up to date
     first; deleting it loses nothing."""
     where = folder or _data_folder() or Path()
-    if not where.is_dir():
-        what = "is a file; name the folder that it lies in" if where.exists() else "no such folder"
-        raise FileNotFoundError(f"{where}: {what}")
+    check_folder(where)
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
     if page is not None:

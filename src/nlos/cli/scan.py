@@ -105,13 +105,7 @@ def scan(
     if weights is not None:
         reconstruct, seeing = chosen_method(weights, reconstruct, {})
     if reconstruct is not None:
-        try:
-            find(reconstruct)
-        except MemoryError as error:  # not a reconstruction that failed: there is no scan yet
-            raise UsageError(
-                f"--reconstruct {reconstruct}: the memory does not hold the method; nothing was measured. Close what "
-                "else runs, or scan without it and reconstruct elsewhere."
-            ) from error
+        find(reconstruct)
     response_wanted(response)
     goal = None if until is None else parse_until(until)
     if goal is not None and wanted.settings.frames != 1:

@@ -11,6 +11,7 @@ import typer
 
 from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.file_words import check_folder
 from nlos.cli.interrupts import served_until_told
 from nlos.cli.terminal import terminal
 from nlos.drivers.state_folder import state_folder
@@ -37,9 +38,7 @@ def status(
     anything. It is made from the files, by a process of its own: start it on any machine that sees the data folder.
     Ctrl-C ends it."""
     where = folder or data_folder() or Path()
-    if not where.is_dir():
-        what = "is a file; name the folder that it lies in" if where.exists() else "no such folder"
-        raise FileNotFoundError(f"{where}: {what}")
+    check_folder(where)
     if token is not None and not re.fullmatch("[A-Za-z0-9_-]{16,100}", token):  # what an address may hold
         raise UsageError("--token: 16 to 100 of a-z, A-Z, 0-9, - and _: it is all that keeps others out")
     state_folder()  # where there can be none, no page is ever made

@@ -70,7 +70,7 @@ def _dark(settings: BenchSettings) -> Generator[Finding, None, bool]:
     try:
         make_dark(settings)
     except DeviceError as error:
-        what = f"not confirmed closed ({error.device}: {error.what})"
+        what = f"not confirmed closed ({error.said})"
         yield failed("shutter", what, "Switch the laser off by hand. " + error.remedy)
         return False
     yield passed("shutter", "told to close, and confirmed")

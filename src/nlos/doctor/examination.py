@@ -194,7 +194,7 @@ def _opened_again(table: "Loaded[BenchSettings]", before: tuple[DeviceIdentity, 
             if not table.settings.simulated:
                 time.sleep(_REOPEN_EVERY_S)
     assert error is not None
-    yield failed("replugged", f"{error.device}: {error.what}", error.remedy)
+    yield failed("replugged", error.said, error.remedy)
 
 
 def run(bench: Bench, checks: tuple[Check, ...], condition: Condition) -> Iterator[Finding]:
@@ -224,12 +224,12 @@ def _failed(bench: Bench, check: Check, error: DeviceError, condition: Condition
     """The check's line, or that of another instrument that failed while it was made."""
     role = role_of(bench.settings, error)
     if isinstance(error, SafetyTrip):
-        bench.shutter.latch(f"{error.device}: {error.what}")  # as in a scan: until a person clears it
+        bench.shutter.latch(error.said)  # as in a scan: until a person clears it
         condition.lost |= dict.fromkeys(("light", "counter"), f"a trip is latched: {error.what}")
     elif not isinstance(error, LimitError):
         condition.lost[role] = f"the {role} failed before: {error.what}"
     ours = isinstance(error, SafetyTrip) or role not in NAMED or role in check.needs
-    return failed(check.name if ours else role, f"{error.device}: {error.what}", error.remedy)
+    return failed(check.name if ours else role, error.said, error.remedy)
 
 
 def _put_down(bench: Bench, condition: Condition) -> None:

@@ -165,7 +165,7 @@ def _said(bench: Bench, error: DeviceError, still_open: str) -> Iterator[Finding
     if still_open or bench.shutter.may_be_open:
         yield failed("cable", f"{still_open or 'the shutter is not confirmed closed'} after: {error.what}", _OFF)
     elif not isinstance(error, DeviceLost):
-        yield warned("cable", f"noticed as another fault: {error.device}: {error.what}", "Pull the cable only.")
+        yield warned("cable", f"noticed as another fault: {error.said}", "Pull the cable only.")
     else:
         light = "" if bench.settings.shutter_on == "nothing" else ", and no light"
         yield passed("cable", f"noticed{light}: {error.what}")

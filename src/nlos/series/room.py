@@ -2,10 +2,10 @@
 
 import shutil
 from collections.abc import Sequence
-from math import ceil
 from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording import megabytes
 from nlos.series.forecast import Forecast
 
 
@@ -17,6 +17,6 @@ def check_room(folder: Path, coming: Sequence[tuple[Path, Forecast]]) -> None:
     free = shutil.disk_usage(there).free
     if needed > free:
         raise StorageError(
-            f"{folder}: the series needs {ceil(needed / 1e5) / 10} MB, there are {free // 1e5 / 10} MB. "
+            f"{folder}: the series needs {megabytes.needed(needed)}, there are {megabytes.free(free)}. "
             "Free disk space, or name another `folder`."
         )

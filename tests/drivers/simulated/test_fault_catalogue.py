@@ -11,6 +11,7 @@ from nlos.configs.load import ConfigError, load
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.simulated.fault_catalogue import markdown, refusal, tables
 from nlos.drivers.simulated.faults import Fault, one_of
+from tests.acquisition.fault_cases import BENCHES
 
 TOP = Path(__file__).parents[3]
 NAMES = {row.name for rows in tables().values() for row in rows}
@@ -49,6 +50,8 @@ def test_a_fault_that_nobody_knows_is_refused() -> None:
     ("name", "parameters", "why"),
     [
         ("G2", {"delay_ms": 5}, "fault G2 has no parameter delay_ms; it takes: `delay_s`"),
+        ("A6", {"missed": True}, "fault A6 has no parameter missed; it takes: `kind`"),
+        ("G8", {"flush": True}, "fault G8 has no parameter flush; it takes: `place`"),
         ("G1", {"delay_s": 5}, "fault G1 has no parameter delay_s; it takes: none"),
         ("A6", {"kind": "mised"}, "has no parameter kind: mised; it takes: `kind`: `missed`, `extra`"),
         ("U20", {"place": "markers"}, "has no parameter place: markers; it takes: tcspc488: `place`: `records`"),
@@ -63,6 +66,12 @@ def test_a_fault_that_nobody_knows_is_refused() -> None:
 def test_parameters_that_a_fault_does_not_have(name: str, parameters: dict[str, object], why: str) -> None:
     said = refusal(Fault(name=name, parameters=parameters))
     assert (why in said) if why else not said
+
+
+def test_every_fault_of_the_campaigns_has_the_parameters_that_they_ask_for() -> None:
+    asked = [Fault(name=name, parameters=given) for _, _, some in BENCHES.values() for name, given in some]
+    assert len(asked) > 60
+    assert [said for fault in asked if (said := refusal(fault))] == []
 
 
 def test_every_parameter_is_written_in_a_bench_file_as_the_table_writes_it() -> None:

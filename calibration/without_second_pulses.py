@@ -21,7 +21,7 @@ _ROWS = 512
 """So many points at a time."""
 
 
-def without_second_pulse(
+def without_second_pulses(
     counts: npt.ArrayLike,
     variance: npt.ArrayLike,
     arrival_bins: Floats,
