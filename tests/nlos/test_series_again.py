@@ -102,7 +102,7 @@ def test_a_series_whose_bench_may_have_no_light_is_not_begun(
         assert run(["queue", str(queue), *asked]) == 4
         said = capsys.readouterr().err
         assert "--clear-trip" in said
-        assert "in run 2-few; this command has begun no scan" in said
+        assert "in run 2-few; no scan was begun" in said
         assert sorted(tmp_path.iterdir()) == held, "not even the folder that was asked for"
 
 

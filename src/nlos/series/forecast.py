@@ -50,4 +50,4 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
 
 
 def _before(run: Run) -> str:
-    return f"in run {run.name}; this command has begun no scan"
+    return f"in run {run.name}; no scan was begun"
