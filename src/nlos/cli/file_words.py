@@ -1,6 +1,5 @@
 """The options by which a user says what a file does not: one spelling for every verb that reads files."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -51,13 +50,6 @@ def given(
     if bin_width_ps is not None and not 0.1 <= bin_width_ps <= 1e6:
         raise UsageError(f"--bin-width-ps {bin_width_ps:g}: picoseconds are expected, 0.1 to 1000000")
     return Given(wall_m, None if bin_width_ps is None else bin_width_ps * 1e-12, axes, rectified, detector)
-
-
-def check_folder(folder: Path) -> None:
-    """Raises `FileNotFoundError` where recordings are to be listed and there is no such folder, or a file."""
-    if not folder.is_dir():
-        what = "is a file; name the folder that it lies in" if folder.exists() else "no such folder"
-        raise FileNotFoundError(f"{folder}: {what}")
 
 
 def depths(words: str | None) -> tuple[float, float] | None:

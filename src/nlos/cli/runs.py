@@ -8,8 +8,7 @@ import typer
 
 from nlos.cli.columns import columns_shown, one_line, padded, width_shown
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.file_words import check_folder
-from nlos.cli.targets import check_place, page_target
+from nlos.cli.targets import check_folder, check_place, page_target
 from nlos.cli.terminal import terminal
 from nlos.runs.index import SORTS, Run, RunsIndex
 

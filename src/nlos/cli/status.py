@@ -11,8 +11,8 @@ import typer
 
 from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
-from nlos.cli.file_words import check_folder
 from nlos.cli.interrupts import served_until_told
+from nlos.cli.targets import check_folder
 from nlos.cli.terminal import terminal
 from nlos.drivers.state_folder import state_folder
 from nlos.live.web import WebServer

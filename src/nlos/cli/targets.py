@@ -112,3 +112,10 @@ def _check_folder(path: Path, option: str = "-o") -> None:
     if not folder.is_dir() and (os.path.lexists(folder) or not folder.parent.is_dir()):
         missing = folder if os.path.lexists(folder) else folder.parent  # a link to nothing cannot be made one
         raise UsageError(f"{path}: {missing} is not a folder. Make it first, or choose another place with {option}.")
+
+
+def check_folder(folder: Path) -> None:
+    """Raises `FileNotFoundError` where recordings are to be listed and there is no such folder, or a file."""
+    if not folder.is_dir():
+        what = "is a file; name the folder that it lies in" if folder.exists() else "no such folder"
+        raise FileNotFoundError(f"{folder}: {what}")
