@@ -1,4 +1,4 @@
-"""Where a verb may write: names are looked at before anything is opened, measured or computed."""
+"""Where a verb may write, and what it may list: names are looked at before anything is opened, measured or computed."""
 
 import os
 from collections import Counter
